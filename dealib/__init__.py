@@ -1,0 +1,58 @@
+"""dealib: dielectric elastomer actuators, from a YAML file to trustworthy curves and fields.
+
+import dealib
+case = dealib.load("configs/deap100.yaml", set={"geometry.film_thickness": "40 um"})
+run = dealib.simulate(case)            # or: for state in dealib.Simulation(case): ...
+run.history                            # pandas DataFrame
+dealib.open("runs/deap100").fields(-1) # pyvista grid, without dolfinx
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dealib.config import Case, load
+    from dealib.errors import ConfigError, DealibError, NotConverged
+    from dealib.program import Simulation, State, simulate
+    from dealib.results.reader import Run
+    from dealib.results.reader import Run as open
+
+__all__ = [
+    "Case",
+    "ConfigError",
+    "DealibError",
+    "NotConverged",
+    "Run",
+    "Simulation",
+    "State",
+    "load",
+    "open",
+    "simulate",
+]
+
+# name -> (module, attribute): imported when first asked for, since dolfinx takes seconds
+_LAZY = {
+    "Case": ("dealib.config", "Case"),
+    "load": ("dealib.config", "load"),
+    "ConfigError": ("dealib.errors", "ConfigError"),
+    "DealibError": ("dealib.errors", "DealibError"),
+    "NotConverged": ("dealib.errors", "NotConverged"),
+    "Run": ("dealib.results.reader", "Run"),
+    "open": ("dealib.results.reader", "Run"),
+    "Simulation": ("dealib.program", "Simulation"),
+    "State": ("dealib.program", "State"),
+    "simulate": ("dealib.program", "simulate"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LAZY:
+        raise AttributeError(f"module 'dealib' has no attribute {name!r}")
+    module, attribute = _LAZY[name]
+    return getattr(importlib.import_module(module), attribute)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,81 @@
+"""Entry point of the command line: errors become one message and an exit code."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+
+STARTED = time.perf_counter()
+
+for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy loads its BLAS
+    os.environ.setdefault(_name, "1")
+
+
+def _rank() -> int:
+    """Rank under mpirun, without importing MPI."""
+    for name in ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK"):
+        if name in os.environ:
+            return int(os.environ[name])
+    return 0
+
+
+def main() -> None:
+    """Run the command line."""
+    from dealib.errors import DealibError
+
+    try:
+        from dealib.cli.app import app
+
+        app()
+    except DealibError as error:
+        if _rank() == 0:
+            print(f"dealib: {error}", file=sys.stderr)
+        code = error.exit_code
+        if code not in (2, 3):  # those are raised on every rank
+            _abort_all_ranks(code)
+    except ModuleNotFoundError as error:
+        if error.name and error.name.split(".")[0] == "dealib":
+            raise
+        print(
+            f"dealib: the Python module {error.name!r} is missing; ./run --help sets up all that "
+            "is needed, .venv/bin/dealib is then the program",
+            file=sys.stderr,
+        )
+        code = 4
+    except KeyboardInterrupt:
+        print("dealib: interrupted", file=sys.stderr)
+        code = 130
+    except Exception:
+        if _ranks() > 1:
+            import traceback
+
+            traceback.print_exc()
+            _abort_all_ranks(1)
+        raise
+    else:
+        code = 0
+    sys.exit(code)
+
+
+def _ranks() -> int:
+    """Number of ranks, without importing MPI."""
+    if "mpi4py.MPI" not in sys.modules:
+        return 1
+    from mpi4py import MPI
+
+    return int(MPI.COMM_WORLD.size)
+
+
+def _abort_all_ranks(code: int) -> None:
+    """What stopped one rank must not leave the others waiting."""
+    if _ranks() > 1:
+        from mpi4py import MPI
+
+        sys.stdout.flush()
+        sys.stderr.flush()
+        MPI.COMM_WORLD.Abort(code)
+
+
+if __name__ == "__main__":
+    main()

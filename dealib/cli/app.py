@@ -1,0 +1,83 @@
+"""The commands. Each imports what it needs when it runs, so that light ones stay light."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    name="dealib",
+    help="Dielectric elastomer actuators: electro-elastic finite elements from a YAML file.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file")]
+RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="run directory")]
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="override a key, such as mesh.columns=80"),
+]
+
+
+@app.command()
+def run(
+    config: ConfigFile,
+    set: Set = None,
+    out: Annotated[Path | None, typer.Option(help="run directory; default the config's")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an existing run")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="mesh and compile, print what would be solved")
+    ] = False,
+    mpi: Annotated[int, typer.Option(min=1, help="number of MPI ranks")] = 1,
+) -> None:
+    """Run a config."""
+    from dealib.config import load
+
+    case = load(config, set)
+    if mpi > 1:
+        from dealib.cli.mpi import launch
+
+        launch(mpi)
+    from dealib.cli.run import run_case
+
+    run_case(case, out, overwrite=overwrite, dry_run=dry_run)
+
+
+@app.command()
+def check(config: ConfigFile, set: Set = None) -> None:
+    """Validate a config; nothing is solved or written."""
+    from dealib.config import load
+
+    case = load(config, set)
+    stages = ", ".join(s.stage for s in case.config.program)
+    typer.echo(f"{config}: valid; {case.config.name}: {stages}")
+
+
+@app.command()
+def mesh(
+    config: ConfigFile,
+    set: Set = None,
+    out: Annotated[Path | None, typer.Option(help="Gmsh file; default NAME.msh")] = None,
+    view: Annotated[Path | None, typer.Option(help="picture of the mesh")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the files")] = False,
+) -> None:
+    """Write the mesh of a config in Gmsh's format, and a picture of it."""
+    from dealib.cli.mesh import write_mesh
+    from dealib.config import load
+
+    case = load(config, set)
+    write_mesh(case, out or Path(f"{case.config.name}.msh"), view, overwrite)
+
+
+@app.command()
+def info(run: RunDirectory) -> None:
+    """Print what a run directory holds: status, summary, versions, timings."""
+    from dealib.cli.info import describe
+    from dealib.results.reader import Run
+
+    typer.echo(describe(Run(run)))

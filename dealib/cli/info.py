@@ -1,0 +1,58 @@
+"""What a run says about itself."""
+
+from __future__ import annotations
+
+from dealib.errors import ConfigError
+from dealib.results.reader import Run
+
+
+def summary(run: Run) -> str:
+    """The figures that an engineer looks at first, from the history."""
+    h = run.history
+    info = run.info
+    loaded = h[h["voltage_kV"] != 0]
+    rows = [
+        (
+            "displacement",
+            f"{h['displacement_mm'].min():.5g} .. {h['displacement_mm'].max():.5g} mm",
+        ),
+        ("force on mount", f"{h['force_N'].min():.5g} .. {h['force_N'].max():.5g} N"),
+    ]
+    for (_, stage), part in loaded.groupby(
+        [loaded["stage"].ne(loaded["stage"].shift()).cumsum(), "stage"]
+    ):
+        before = h.loc[max(part.index[0] - 1, 0)]
+        stroke = (part["displacement_mm"] - before["displacement_mm"]).abs().max()
+        change = (part["force_N"] - before["force_N"]).abs().max()
+        peak = part["voltage_kV"].abs().max()
+        rows.append((f"stroke in {stage!r}", f"{stroke:.5g} mm at up to {peak:.4g} kV"))
+        rows.append((f"force change in {stage!r}", f"{change:.5g} N (blocking force if held)"))
+    c, e = h["capacitance_pF"], h["field_max_MV_per_m"]
+    rows += [
+        ("capacitance", f"{c.min():.5g} .. {c.max():.5g} pF"),
+        ("peak field", f"{e.max():.4g} MV/m"),
+        ("steps", f"{len(h) - 1}, {int(h['newton_iterations'].sum())} Newton iterations"),
+    ]
+    if "timings" in info:
+        t = info["timings"]
+        rows.append(("time", f"{t['total']:.2f} s, of which {t.get('solve', 0):.2f} s solving"))
+    rows.append(("results", str(run.directory)))
+    width = max(len(name) for name, _ in rows)
+    return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
+
+
+def describe(run: Run) -> str:
+    """Status, summary, versions and timings of a run directory."""
+    info = run.info
+    lines = [f"{info['name']}: {info['status']}"]
+    if "error" in info:
+        lines.append(str(info["error"]))
+    try:
+        lines += ["", summary(run)]
+    except ConfigError as error:
+        lines.append(str(error))
+    lines += ["", "started   " + info["started"], "command   " + " ".join(info["argv"])]
+    lines.append("versions  " + ", ".join(f"{k} {v}" for k, v in info["versions"].items()))
+    if "timings" in info:
+        lines.append("timings   " + ", ".join(f"{k} {v} s" for k, v in info["timings"].items()))
+    return "\n".join(lines)

@@ -1,0 +1,311 @@
+"""The config: frozen models whose every dimensional value carries its unit in the file."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
+
+from dealib.materials.laws import LAWS, Law
+from dealib.units import Charge, Force, Length, Mass, Stiffness, Stress, Time, Voltage
+
+
+class Section(BaseModel):
+    """Base of all sections: unknown keys are errors, values do not change."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+# --- geometry and mesh ---------------------------------------------------------------------------
+
+
+class Clamps(Section):
+    """Rigid dielectric blocks around both ends of the strips; the inner one is the mount."""
+
+    width: Length = Field(gt=0, description="radial width of each block")
+    height: Length = Field(gt=0, description="height above and below the middle plane")
+    relative_permittivity: float = Field(3.0, ge=1, description="of the blocks")
+
+
+class Geometry(Section):
+    """Axisymmetric electrode - elastomer - electrode strip, as mounted, in air."""
+
+    shape: Literal["annular_strips"] = "annular_strips"
+    inner_radius: Length = Field(gt=0, description="radius of the rigid centre mount")
+    outer_radius: Length = Field(gt=0, description="inner radius of the rigid frame")
+    film_thickness: Length = Field(gt=0, description="as mounted, that is pre-stretched")
+    electrode_thickness: Length = Field(
+        ge=0, description="0 um: no electrode bodies, the film's faces are the electrodes"
+    )
+    air_height: Length = Field(
+        0.0, ge=0, description="air above and below, from the middle plane; 0 mm: no air"
+    )
+    clamps: Clamps | None = Field(None, description="rigid mount and frame blocks")
+
+    @property
+    def half_thickness(self) -> float:
+        """Half the thickness of all strips together, mm."""
+        return self.film_thickness / 2 + self.electrode_thickness
+
+    @model_validator(mode="after")
+    def _possible(self) -> Geometry:
+        if self.outer_radius <= self.inner_radius:
+            raise ValueError(
+                f"outer_radius ({self.outer_radius:g} mm) must exceed "
+                f"inner_radius ({self.inner_radius:g} mm)"
+            )
+        solid = self.half_thickness
+        if self.clamps is not None:
+            if self.clamps.width >= self.inner_radius:
+                raise ValueError(
+                    f"clamps.width ({self.clamps.width:g} mm) must be below "
+                    f"inner_radius ({self.inner_radius:g} mm)"
+                )
+            if self.clamps.height <= solid:
+                raise ValueError(
+                    f"clamps.height ({self.clamps.height:g} mm) must exceed half the strips' "
+                    f"thickness ({solid:g} mm)"
+                )
+            solid = self.clamps.height
+        if 0 < self.air_height <= solid:
+            raise ValueError(
+                f"air_height ({self.air_height:g} mm) must exceed the solid below it "
+                f"({solid:g} mm), or be 0 mm"
+            )
+        return self
+
+
+class Mesh(Section):
+    """Mapped strips; free quadrilateral air that matches their edges."""
+
+    columns: int = Field(60, ge=4, multiple_of=2, description="cells along the strips; even")
+    film_rows: int = Field(4, ge=1, description="cells across the film")
+    electrode_rows: int = Field(1, ge=1, description="cells across each electrode")
+    grading: Literal["ends", "uniform", "tanh"] = Field(
+        "ends", description="ends: nearly square cells at both ends; tanh: the benchmark's"
+    )
+    order: Literal[1, 2] = Field(2, description="polynomial order of displacement and potential")
+    air_size: Length | None = Field(
+        None, gt=0, description="cell size at the far side of the air; default air_height / 5"
+    )
+    file: str | None = Field(
+        None, description="read this Gmsh mesh instead, with the same physical names"
+    )
+
+
+# --- materials -----------------------------------------------------------------------------------
+
+
+def _pair(value: object) -> object:
+    return [value, value] if isinstance(value, (int, float)) else value
+
+
+Stretch = Annotated[float, Field(ge=0.5, le=10)]
+
+
+class FilmProperties(Section):
+    """What the film has besides its law."""
+
+    relative_permittivity: float = Field(gt=0, description="of the ideal dielectric film")
+    prestretch: Annotated[tuple[Stretch, Stretch], BeforeValidator(_pair)] = Field(
+        (1.0, 1.0), description="in-plane pre-stretch: equal-biaxial, or [radial, hoop]"
+    )
+
+
+def _choice(bases: tuple[type, ...], suffix: str) -> Any:
+    """One model a law, chosen by the key `law`."""
+    models: Any = tuple(
+        create_model(f"{law.__name__}{suffix}", __base__=(law, *bases), __doc__=law.__doc__)
+        for law in LAWS.values()
+    )
+    return Annotated[Union[models], Field(discriminator="law")]  # noqa: UP007 - built at run time
+
+
+if TYPE_CHECKING:
+
+    class FilmMaterial(Law, FilmProperties):
+        """A law and the film's properties."""
+
+        law: str
+
+    class ElectrodeMaterial(Law):
+        """A law."""
+
+        law: str
+else:
+    FilmMaterial = _choice((FilmProperties,), "Film")
+    ElectrodeMaterial = _choice((), "Electrode")
+
+
+class Materials(Section):
+    """Materials by region."""
+
+    film: FilmMaterial
+    electrode: ElectrodeMaterial | None = Field(
+        None, description="of both electrodes; needed if electrode_thickness is above zero"
+    )
+
+
+# --- physics and solver --------------------------------------------------------------------------
+
+
+class Physics(Section):
+    """Which equations are solved."""
+
+    coupling: Literal["energy"] = Field(
+        "energy", description="energy: one electro-elastic potential"
+    )
+    formulation: Literal["displacement"] = Field(
+        "displacement", description="displacement: u and phi"
+    )
+    air_stiffness: Stress = Field(
+        1e-6, gt=0, description="fictitious, carries the air's mesh; results do not depend on it"
+    )
+
+
+class Solver(Section):
+    """Newton's method and increments; the defaults serve all shipped configs."""
+
+    tolerance: float = Field(
+        1e-9, gt=0, lt=1e-3, description="on the residual of each field, relative to its scale"
+    )
+    max_iterations: int = Field(12, ge=2, description="Newton iterations before a cut-back")
+    target_iterations: int = Field(
+        6, ge=1, description="increments grow back while a step needs at most this many"
+    )
+    max_cuts: int = Field(10, ge=0, description="halvings of an increment before giving up")
+    predictor: Literal["none", "secant"] = Field(
+        "secant", description="where Newton starts: the last state, or its extrapolation"
+    )
+
+
+# --- program -------------------------------------------------------------------------------------
+
+
+def _polyline(value: object) -> object:
+    return value if isinstance(value, list) else [value]
+
+
+def _list_of(kind: Any) -> Any:
+    return Annotated[tuple[kind, ...], BeforeValidator(_polyline), Field(min_length=1)]
+
+
+if TYPE_CHECKING:
+    Lengths: TypeAlias = tuple[float, ...]
+    Forces: TypeAlias = tuple[float, ...]
+    Masses: TypeAlias = tuple[float, ...]
+    Voltages: TypeAlias = tuple[float, ...]
+    Charges: TypeAlias = tuple[float, ...]
+else:
+    Lengths, Forces, Masses = _list_of(Length), _list_of(Force), _list_of(Mass)
+    Voltages, Charges = _list_of(Voltage), _list_of(Charge)
+
+
+class Spring(Section):
+    """Linear spring between the mount and an anchor that moves to its given position."""
+
+    stiffness: Stiffness = Field(gt=0)
+    anchor: Lengths = Field(description="where the anchor moves, as a displacement")
+
+
+class _Port(Section):
+    @model_validator(mode="after")
+    def _one_of(self) -> _Port:
+        names = list(type(self).model_fields)
+        given = [n for n in names if getattr(self, n) is not None]
+        if len(given) != 1:
+            raise ValueError(f"give exactly one of {', '.join(names)}, not {given or 'none'}")
+        return self
+
+
+class MountInput(_Port):
+    """What drives the mount, one of: a value to ramp to, or a list: a polyline over the stage."""
+
+    displacement: Lengths | None = Field(None, description="prescribed; negative is down")
+    force: Forces | None = Field(None, description="prescribed; negative is down")
+    mass: Masses | None = Field(None, description="suspended: force -m g")
+    spring: Spring | None = Field(None, description="linear spring to a moving anchor")
+
+
+class TerminalInput(_Port):
+    """What drives the top electrode, one of: a value to ramp to, or a list over the stage."""
+
+    voltage: Voltages | None = Field(None, description="prescribed against the bottom electrode")
+    charge: Charges | None = Field(None, description="prescribed")
+
+
+class Stage(Section):
+    """One stage: what changes at the ports, over how long, in how many steps."""
+
+    stage: str = Field(
+        min_length=1, description="name; `prestrain` ramps the film's pre-stretch from 1"
+    )
+    duration: Time = Field(1.0, gt=0, description="of one cycle")
+    steps: int = Field(1, ge=1, description="equal increments a cycle; cut where Newton fails")
+    cycles: int = Field(1, ge=1, description="repetitions")
+    mount: MountInput | None = Field(None, description="unchanged if not given")
+    terminal: TerminalInput | None = Field(None, description="unchanged if not given")
+
+
+class Output(Section):
+    """Where results go."""
+
+    directory: str | None = Field(None, description="default runs/NAME")
+    fields: Literal["every", "stage", "none"] = Field(
+        "every", description="store fields each step, at the end of each stage, or never"
+    )
+
+
+# --- the whole -----------------------------------------------------------------------------------
+
+
+class Config(Section):
+    """One run: a device, its mesh, its materials and a load program."""
+
+    name: str = Field(min_length=1, description="short name; also the default run directory")
+    description: str = Field("", description="one line, shown in reports")
+    geometry: Geometry
+    mesh: Mesh = Mesh()
+    materials: Materials
+    physics: Physics = Physics()
+    solver: Solver = Solver()
+    program: tuple[Stage, ...] = Field(min_length=1)
+    output: Output = Output()
+
+    @property
+    def directory(self) -> str:
+        """Run directory."""
+        return self.output.directory or f"runs/{self.name}"
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Config:
+        if not re.fullmatch(r"[\w.+-]+", self.name):
+            raise ValueError(f"name {self.name!r}: use letters, digits, '_', '-', '.' and '+'")
+        if self.geometry.electrode_thickness > 0 and self.materials.electrode is None:
+            raise ValueError(
+                "materials.electrode is missing, but geometry.electrode_thickness is above zero"
+            )
+        for stage in self.program[1:]:
+            if stage.stage == "prestrain":
+                raise ValueError("a prestrain stage must be the first of the program")
+        first = self.program[0]
+        if first.stage == "prestrain" and (first.mount or first.terminal):
+            raise ValueError("a prestrain stage takes no mount or terminal input")
+        self._air_above_stroke()
+        return self
+
+    def _air_above_stroke(self) -> None:
+        """The air must stay higher than a prescribed displacement of what it covers."""
+        g = self.geometry
+        if g.air_height == 0:
+            return
+        below = g.clamps.height if g.clamps else g.half_thickness
+        for stage in self.program:
+            values = (stage.mount and stage.mount.displacement) or ()
+            stroke = max((abs(v) for v in values), default=0.0)
+            if stroke >= 0.9 * (g.air_height - below):
+                raise ValueError(
+                    f"geometry.air_height ({g.air_height:g} mm) is too low for the displacement "
+                    f"of {stroke:g} mm in stage {stage.stage!r}; twice the stroke works well"
+                )

@@ -1,0 +1,40 @@
+"""Errors that a user can meet, each with its exit code."""
+
+from __future__ import annotations
+
+
+class DealibError(Exception):
+    """Base of all errors that dealib explains to its user."""
+
+    exit_code = 1
+
+
+class ConfigError(DealibError):
+    """Something in the config, on the command line or in an input file is wrong."""
+
+    exit_code = 2
+
+
+class NotConverged(DealibError):
+    """A step did not converge even at the smallest increment; what converged is kept."""
+
+    exit_code = 3
+
+
+class PlatformError(DealibError):
+    """The machine lacks something that dealib needs."""
+
+    exit_code = 4
+
+
+class Interrupted(DealibError):
+    """A signal asked the run to stop; what converged is kept.
+
+    Args:
+        message: What was saved and how to go on.
+        signal: Number of the signal; the exit code is 128 + signal.
+    """
+
+    def __init__(self, message: str, signal: int) -> None:
+        super().__init__(message)
+        self.exit_code = 128 + signal

@@ -1,0 +1,1 @@
+"""The finite-element model; everything that needs dolfinx."""

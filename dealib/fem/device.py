@@ -1,0 +1,150 @@
+"""The meshed device in dolfinx: regions and boundaries by name, and the spaces on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from dolfinx import mesh as dmesh
+
+from dealib.config.schema import Config
+from dealib.errors import DealibError
+from dealib.fem import compat
+from dealib.geometry import names
+from dealib.geometry.model import gmsh_model
+
+# Regions that share one energy share one integral, so that it is compiled once.
+KINDS = {
+    "film": (names.FILM,),
+    "electrodes": (names.TOP_ELECTRODE, names.BOTTOM_ELECTRODE),
+    "blocks": (names.MOUNT_BLOCK, names.FRAME_BLOCK),
+    "air": (names.AIR,),
+}
+KIND_TAGS = {kind: tag for tag, kind in enumerate(KINDS, start=1)}
+REGION_IDS = {region: i for i, region in enumerate(r for rs in KINDS.values() for r in rs)}
+
+Ints = npt.NDArray[np.int32]
+
+
+@dataclass
+class Device:
+    """A distributed mesh with names.
+
+    Attributes:
+        mesh: The dolfinx mesh, coordinates (R, Z) in mm.
+        cell_tags: Region tags.
+        facet_tags: Boundary tags.
+        groups: {name: (dim, tag)}.
+    """
+
+    mesh: Any
+    cell_tags: Any
+    facet_tags: Any
+    groups: dict[str, tuple[int, int]]
+
+    def entities(self, name: str) -> Ints:
+        """Local cells or facets of a named region or boundary (ghosts included)."""
+        dim, tag = self.groups[name]
+        tags = self.cell_tags if dim == 2 else self.facet_tags
+        return np.asarray(tags.indices[tags.values == tag], dtype=np.int32)
+
+    def cells(self, *regions: str) -> Ints:
+        """Local cells of regions, sorted; regions that the device lacks count as empty."""
+        found = [self.entities(r) for r in regions if r in self.groups]
+        return np.sort(np.concatenate([np.empty(0, np.int32), *found])).astype(np.int32)
+
+    def owned(self, cells: Ints) -> Ints:
+        """Those of the cells that this rank owns."""
+        return cells[cells < compat.local_cells(self.mesh)]
+
+    @property
+    def regions(self) -> tuple[str, ...]:
+        """Names of the regions, in a fixed order."""
+        return tuple(r for r in REGION_IDS if r in self.groups)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Kinds of region that the device has."""
+        return tuple(k for k, rs in KINDS.items() if any(r in self.groups for r in rs))
+
+    @cached_property
+    def kind_tags(self) -> Any:
+        """Cell tags by kind of region, for the integrals."""
+        cells = {k: self.cells(*KINDS[k]) for k in self.kinds}
+        indices = np.concatenate(list(cells.values()))
+        values = np.concatenate([np.full(len(c), KIND_TAGS[k]) for k, c in cells.items()])
+        order = np.argsort(indices)
+        return dmesh.meshtags(self.mesh, 2, indices[order], values[order].astype(np.int32))
+
+    @cached_property
+    def region_of_cell(self) -> Ints:
+        """Region id of each local cell (`REGION_IDS`)."""
+        total = len(compat.original_cells(self.mesh))
+        ids = np.full(total, -1, dtype=np.int32)
+        for region in self.regions:
+            ids[self.entities(region)] = REGION_IDS[region]
+        return ids
+
+
+@dataclass
+class Spaces:
+    """The monolithic space of displacement and potential, and its state.
+
+    Attributes:
+        W: Mixed space; sub-space 0 is u = (u_R, u_Z) in mm, 1 is phi in kV.
+        w: The current state.
+        order: Polynomial order of u and phi.
+    """
+
+    W: Any
+    w: Any
+    order: int
+
+
+def build_device(config: Config, comm: MPI.Comm, save: Path | None = None) -> Device:
+    """Mesh the geometry on rank 0 and distribute it.
+
+    Args:
+        config: The config.
+        comm: MPI communicator.
+        save: Write the mesh there, in Gmsh's format.
+
+    Raises:
+        ConfigError: On every rank, if the mesh cannot be built or read.
+    """
+    error: DealibError | None = None
+    result: Device | None = None
+    if comm.rank == 0:
+        try:
+            with gmsh_model(config) as gmsh:
+                if save is not None:
+                    gmsh.write(str(save))
+                comm.bcast(None, root=0)
+                result = Device(*compat.from_gmsh(gmsh.model, comm))
+        except DealibError as caught:
+            error = comm.bcast(caught, root=0)
+    else:
+        error = comm.bcast(None, root=0)
+        if error is None:
+            result = Device(*compat.from_gmsh(None, comm))
+    if error is not None:
+        raise error
+    assert result is not None
+    for dim in (1, 2):
+        result.mesh.topology.create_connectivity(dim, 2)
+    return result
+
+
+def build_spaces(device: Device, order: int) -> Spaces:
+    """Continuous displacement and potential of one order in one space."""
+    vector = compat.element(device.mesh, "Lagrange", order, (2,))
+    scalar = compat.element(device.mesh, "Lagrange", order)
+    W = compat.functionspace(device.mesh, compat.mixed_element([vector, scalar]))
+    return Spaces(W, fem.Function(W, name="w"), order)

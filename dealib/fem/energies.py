@@ -1,0 +1,126 @@
+"""Energies: small parts that are summed to the total potential Pi(u, phi).
+
+Each part gives its density per mesh volume at a deformation gradient F and a nominal field E.
+All parameters are constants of the compiled forms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any, Protocol
+
+from petsc4py import PETSc
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from dealib.fem.kinematics import inverse_transpose, jacobian
+from dealib.materials.laws import Invariants, Law
+
+
+class Energy(Protocol):
+    """One part of the potential."""
+
+    @property
+    def kind(self) -> str:
+        """Kind of region it lives in."""
+
+    def density(self, F: Any, E: Any) -> Any:
+        """Energy per mesh volume, MPa = mJ/mm^3.
+
+        Args:
+            F: Deformation gradient from the mesh, (3, 3).
+            E: Nominal field -Grad phi, (3,), kV/mm.
+        """
+
+
+def constant(mesh: Any, value: Any) -> Any:
+    """A number, or an array of them, that forms refer to without being compiled for it."""
+    return fem.Constant(mesh, np.array(value, dtype=PETSc.ScalarType))
+
+
+def parameters(mesh: Any, law: Law) -> SimpleNamespace:
+    """A law's parameters as constants."""
+    return SimpleNamespace(**{k: constant(mesh, v) for k, v in law.parameters.items()})
+
+
+def invariants(F: Any) -> Invariants:
+    """Isochoric invariants of a (3, 3) deformation gradient in UFL."""
+    J = jacobian(F)
+    C = F.T * F
+    trace = ufl.tr(C)
+    a = J ** (-2.0 / 3.0)
+    return Invariants(a * trace, a**2 * (trace**2 - ufl.inner(C, C)) / 2, J)
+
+
+@dataclass(frozen=True)
+class Hyperelastic:
+    """A law on a region, optionally pre-stretched: W(F F_p) / det F_p.
+
+    Attributes:
+        kind: Kind of region.
+        law: The law.
+        parameters: Its parameters, as constants.
+        prestretch: Stretches (radial, thickness, hoop) of F_p, as a constant; None for none.
+    """
+
+    kind: str
+    law: Law
+    parameters: SimpleNamespace
+    prestretch: Any = None
+
+    def density(self, F: Any, E: Any) -> Any:
+        """See `Energy`."""
+        if self.prestretch is None:
+            return self.law.energy(invariants(F), self.parameters)
+        return self.law.energy(invariants(self.total(F)), self.parameters) / self._volume
+
+    @property
+    def _volume(self) -> Any:
+        p = self.prestretch
+        return p[0] * p[1] * p[2]
+
+    def total(self, F: Any) -> Any:
+        """F F_p: the deformation since the unstretched state."""
+        if self.prestretch is None:
+            return F
+        p = self.prestretch
+        return F * ufl.as_matrix([[p[0], 0, 0], [0, p[1], 0], [0, 0, p[2]]])
+
+
+@dataclass(frozen=True)
+class IdealDielectric:
+    """Linear dielectric: W_e = -(eps/2) J e.e with the true field e = F^-T E.
+
+    Attributes:
+        kind: Kind of region.
+        permittivity: eps0 eps_r in N/kV^2, as a constant.
+    """
+
+    kind: str
+    permittivity: Any
+
+    def density(self, F: Any, E: Any) -> Any:
+        """See `Energy`."""
+        e = inverse_transpose(F) * E
+        return -self.permittivity / 2 * jacobian(F) * ufl.dot(e, e)
+
+
+@dataclass(frozen=True)
+class MeshElasticity:
+    """Fictitious neo-Hookean medium (G = kappa) that carries the air's mesh.
+
+    Attributes:
+        kind: Kind of region.
+        stiffness: G = kappa in MPa, as a constant.
+    """
+
+    kind: str
+    stiffness: Any
+
+    def density(self, F: Any, E: Any) -> Any:
+        """See `Energy`."""
+        i = invariants(F)
+        return self.stiffness / 2 * (i.I1 - 3 + (i.J - 1) ** 2)

@@ -1,0 +1,103 @@
+"""Between the distributed state and plain arrays in an order that no partition changes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dealib.fem import compat
+from dealib.fem.device import REGION_IDS, Device, Spaces
+from dealib.results.elements import Cell
+from dealib.results.mesh import ResultMesh
+
+Floats = npt.NDArray[np.float64]
+
+# nodes of dolfinx's cells in VTK's order
+_VTK = {
+    ("quadrilateral", 1): [0, 1, 3, 2],
+    ("quadrilateral", 2): [0, 1, 3, 2, 4, 6, 7, 5, 8],
+    ("triangle", 1): [0, 1, 2],
+    ("triangle", 2): [0, 1, 2, 5, 3, 4],
+}
+
+
+@dataclass
+class Layout:
+    """Nodal values by cell on this rank, and the whole mesh on rank 0.
+
+    Attributes:
+        cell: Reference cell.
+        corners: Corner coordinates of the local cells (cells, corners, 2), mm.
+        mesh: The whole mesh, nodes split between regions; None except on rank 0.
+    """
+
+    cell: Cell
+    corners: Floats
+    mesh: ResultMesh | None
+    _spaces: Spaces
+    _comm: Any
+    _dofs: tuple[Any, ...]
+    _owned: int
+    _order: Any
+    _original: Any
+
+    @classmethod
+    def of(cls, device: Device, spaces: Spaces) -> Layout:
+        """Gather the mesh of a device (collective)."""
+        mesh, W, comm = device.mesh, spaces.W, device.mesh.comm
+        name = compat.cell_name(mesh)
+        cell = Cell(name, spaces.order)
+        vtk = _VTK[name, spaces.order]
+        spaces_of = (W.sub(0).sub(0), W.sub(0).sub(1), W.sub(1))
+        dofs = tuple(compat.cell_dofs(V)[:, vtk] for V in spaces_of)
+        nodes = compat.cell_nodes(mesh)[:, _VTK[name, 1]]
+        corners = np.asarray(mesh.geometry.x[nodes][..., :2])
+        owned = compat.local_cells(mesh)
+        original = compat.original_cells(mesh)[:owned]
+        index_map = W.dofmap.index_map
+        numbers = index_map.local_to_global(dofs[2][:owned].ravel().astype(np.int32))
+        parts = comm.gather(
+            (
+                original,
+                np.asarray(numbers).reshape(owned, -1),
+                corners[:owned],
+                device.region_of_cell[:owned],
+            ),
+            root=0,
+        )
+        order, whole = None, None
+        if comm.rank == 0:
+            cells, global_nodes, xy, region = (
+                np.concatenate([p[k] for p in parts]) for k in range(4)
+            )
+            order = np.argsort(cells)
+            whole = ResultMesh.number(
+                cell, global_nodes[order], xy[order], region[order], tuple(REGION_IDS)
+            )
+        return cls(cell, corners, whole, spaces, comm, dofs, owned, order, original)
+
+    def local(self) -> Floats:
+        """Nodal (u_R, u_Z, phi) of the local cells, ghosts included: (cells, nodes, 3)."""
+        w = self._spaces.w.x.array
+        return np.stack([w[d] for d in self._dofs], axis=-1)
+
+    def gather(self) -> Floats | None:
+        """Nodal (u_R, u_Z, phi) of the whole mesh, (nodes, 3), on rank 0."""
+        parts = self._comm.gather(self.local()[: self._owned], root=0)
+        if self.mesh is None:
+            return None
+        return self.mesh.to_nodes(np.concatenate(parts)[self._order])
+
+    def scatter(self, values: Floats | None) -> None:
+        """Set the state from nodal values of the whole mesh on rank 0 (inverse of `gather`)."""
+        by_cell = None
+        if self.mesh is not None and values is not None:
+            by_cell = values[self.mesh.cells]
+        by_cell = self._comm.bcast(by_cell, root=0)
+        w = self._spaces.w
+        for k, dofs in enumerate(self._dofs):
+            w.x.array[dofs[: self._owned]] = by_cell[self._original][..., k]
+        w.x.scatter_forward()

@@ -1,0 +1,182 @@
+"""Newton's method by PETSc SNES, with convergence judged field by field."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+
+from dealib.errors import NotConverged
+from dealib.fem.constraints import FIELDS
+from dealib.fem.problem import Problem
+from dealib.fem.system import System, Timings
+
+_PREFIX = "dealib_"
+_OPTIONS: dict[str, Any] = {
+    "snes_type": "newtonls",
+    "snes_linesearch_type": "basic",
+    "ksp_type": "preonly",
+    "pc_type": "lu",
+    "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_7": 5,  # METIS
+    "mat_mumps_icntl_14": 60,  # room for pivoting, per cent
+}
+_STEP = 1e-7  # negligible step: of the film's thickness, of 1 kV
+_ROUNDING = 1e4  # how far above the tolerance rounding may keep the residual
+Reason = PETSc.SNES.ConvergedReason
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Sizes that residuals are compared with: force, charge and the air's fictitious force."""
+
+    displacement: float
+    potential: float
+    air_mesh: float
+
+    @classmethod
+    def of(cls, problem: Problem) -> Scales:
+        """Characteristic sizes of a problem."""
+        p = problem.config.physics
+        g = problem.config.geometry
+        air = 2 * math.pi * g.outer_radius * max(g.air_height, 1.0) * p.air_stiffness
+        return cls(problem.force_scale, problem.charge_scale, air)
+
+    def array(self) -> Any:
+        """In the order of `FIELDS`."""
+        return np.array([self.displacement, self.potential, self.air_mesh])
+
+
+class Newton:
+    """Solves the reduced system for the current port equations.
+
+    Attributes:
+        system: The system.
+        iterations: Iterations of the last solve.
+        total: Iterations of all solves.
+    """
+
+    def __init__(self, problem: Problem, timings: Timings) -> None:
+        self.system = System(problem, timings)
+        self.timings = timings
+        self.iterations = self.total = 0
+        solver = problem.config.solver
+        self._tolerance = solver.tolerance * Scales.of(problem).array()
+        self._port_tolerance = solver.tolerance
+        thickness = problem.config.geometry.film_thickness
+        self._step_tolerance = _STEP * np.array([thickness, 1.0, thickness])  # mm, kV, mm
+        options = PETSc.Options()
+        for key, value in _OPTIONS.items():
+            options[_PREFIX + key] = value
+        self._snes = PETSc.SNES().create(problem.device.mesh.comm)
+        self._snes.setOptionsPrefix(_PREFIX)
+        self._snes.setFunction(self._residual, self.system.residual_vector)
+        self._snes.setJacobian(self._tangent, self.system.matrix)
+        self._snes.setConvergenceTest(self._test)
+        self._snes.setTolerances(max_it=solver.max_iterations)
+        self._snes.setFromOptions()
+        self._factored = False
+        self._logged = 0.0
+        PETSc.Log.begin()
+        self._logged = self.factorisation_seconds
+        self._norms = np.zeros(len(FIELDS))
+
+    def solve(self) -> int:
+        """Solve from the current q; returns the number of iterations.
+
+        Raises:
+            NotConverged: With the reason; q is then meaningless.
+        """
+        self._snes.solve(None, self.system.q)
+        self.iterations = self._snes.getIterationNumber()
+        self.total += self.iterations
+        reason = self._snes.getConvergedReason()
+        if reason < 0:
+            worst = ", ".join(
+                f"{name} {norm / limit:.1e}"
+                for name, norm, limit in zip(FIELDS, self._norms, self._tolerance, strict=True)
+                if not norm <= limit
+            )
+            known = {
+                Reason.DIVERGED_MAX_IT: "no convergence within the iterations allowed",
+                Reason.DIVERGED_FNORM_NAN: "an element turned inside out",
+                Reason.DIVERGED_LINEAR_SOLVE: "the tangent is singular",
+            }
+            what = known.get(reason, f"SNES reason {reason}")
+            raise NotConverged(f"{what} (residual over tolerance: {worst or 'ports'})")
+        return int(self.iterations)
+
+    @property
+    def factorisation_seconds(self) -> float:
+        """Time in symbolic and numeric factorisations and back-substitutions since the start."""
+        events = ("MatLUFactorSym", "MatLUFactorNum", "MatSolve")
+        now = sum(PETSc.Log.Event(e).getPerfInfo()["time"] for e in events)
+        return float(now - self._logged)
+
+    def capacitance(self) -> float:
+        """Small-signal capacitance at 0 V with the body frozen, nF.
+
+        One back-substitution with the last tangent gives a trial potential for a unit test
+        voltage; the electric energy is stationary in it, so its error enters squared.
+        """
+        system, problem = self.system, self.system.problem
+        q, w = system.q, problem.spaces.w
+        if not self._factored:
+            system.residual(q, system.residual_vector)
+            self._tangent(self._snes, q, system.matrix, system.matrix)
+            self._snes.getKSP().setOperators(system.matrix)
+        unit, response = q.duplicate(), q.duplicate()
+        unit.set(0.0)
+        system.map.set_port(unit, "terminal", 1.0)
+        unit.assemble()
+        self._snes.getKSP().solve(unit, response)
+        volts = system.map.port_values(response)["terminal"]
+        trial = q.copy()
+        fields = system.map.field == FIELDS.index("potential")
+        trial.array[: len(fields)][fields] = response.array_r[: len(fields)][fields] / volts
+        system.map.set_port(trial, "terminal", 1.0)
+        system.map.expand(trial, w)
+        energy = problem.integrate("electric")
+        system.map.expand(q, w)
+        return -2 * energy
+
+    # --- SNES callbacks --------------------------------------------------------------------------
+
+    def _residual(self, _snes: Any, q: Any, out: Any) -> None:
+        self.system.residual(q, out)
+
+    def _tangent(self, _snes: Any, _q: Any, matrix: Any, _preconditioner: Any) -> None:
+        self.system.tangent(matrix)
+        self._factored = True
+
+    def _test(self, _snes: Any, iteration: int, norms: tuple[float, float, float]) -> Any:
+        """Every field, and every port, within its own tolerance."""
+        residual = self.system.residual_vector
+        if not math.isfinite(norms[2]):
+            return Reason.DIVERGED_FNORM_NAN
+        self._norms = self.system.field_norms(residual)
+        ports = self.system.map.port_values(residual)
+        limits = {
+            name: self._port_tolerance if law.value is not None else self._tolerance[i]
+            for i, (name, law) in enumerate(self.system.ports.items())
+        }
+        if all(abs(ports[n]) <= limits[n] for n in ports):
+            if (self._norms <= self._tolerance).all():
+                return Reason.CONVERGED_FNORM_ABS
+            near = (self._norms <= _ROUNDING * self._tolerance).all()
+            if iteration > 0 and near and self._step_is_negligible():
+                return Reason.CONVERGED_SNORM_RELATIVE
+        return Reason.ITERATING
+
+    def _step_is_negligible(self) -> bool:
+        """Whether the last step was so small that the next one cannot matter.
+
+        Near incompressibility the residual cannot fall below its own rounding error, of the order
+        of the bulk modulus; Newton's step still shows that the state is exact.
+        """
+        step = self.system.field_norms(self._snes.getSolutionUpdate())
+        return bool((step <= self._step_tolerance).all())

@@ -1,0 +1,179 @@
+"""The total potential of a config: energies by region, compiled once a kind of problem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from dealib.config.schema import Config
+from dealib.fem import compat
+from dealib.fem.constraints import ConstraintMap, build
+from dealib.fem.device import KIND_TAGS, Device, Spaces, build_device, build_spaces
+from dealib.fem.energies import (
+    Energy,
+    Hyperelastic,
+    IdealDielectric,
+    MeshElasticity,
+    constant,
+    parameters,
+)
+from dealib.fem.kinematics import Axisymmetric
+from dealib.geometry import names
+from dealib.geometry.supports import supports
+from dealib.materials import Law, invariants_of_stretches, thickness_stretch
+from dealib.units import EPSILON_0
+
+
+@dataclass
+class Problem:
+    """Everything that is fixed during a run.
+
+    Attributes:
+        config: The config.
+        device: Mesh and names.
+        spaces: Spaces and current state.
+        constraints: Map to the reduced unknowns.
+        kinematics: F and E from u and phi.
+        elastic: Elastic energies.
+        electric: Electric energies.
+        mesh_motion: Fictitious energies that only move the air's mesh.
+        prestretch: Constant (radial, thickness, hoop) of the film.
+    """
+
+    config: Config
+    device: Device
+    spaces: Spaces
+    constraints: ConstraintMap
+    kinematics: Axisymmetric
+    elastic: list[Energy]
+    electric: list[Energy]
+    mesh_motion: list[Energy]
+    prestretch: Any
+    _forms: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def degree(self) -> int:
+        """Quadrature degree: 3 x 3 Gauss points on second-order cells, 2 x 2 on first-order."""
+        return 2 * self.spaces.order
+
+    def fields(self) -> tuple[Any, Any]:
+        """Deformation gradient F and nominal field E of the current state."""
+        u, phi = ufl.split(self.spaces.w)
+        return self.kinematics.deformation_gradient(u), self.kinematics.nominal_field(phi)
+
+    def measure(self, kind: str) -> Any:
+        """Integration over one kind of region."""
+        return ufl.Measure(
+            "dx",
+            domain=self.device.mesh,
+            subdomain_data=self.device.kind_tags,
+            metadata={"quadrature_degree": self.degree},
+        )(KIND_TAGS[kind])
+
+    def potential(self, energies: list[Energy]) -> Any:
+        """Sum of energies over their regions, in mJ; None if there are none."""
+        F, E = self.fields()
+        terms = [e.density(F, E) * self.kinematics.volume * self.measure(e.kind) for e in energies]
+        return sum(terms[1:], terms[0]) if terms else None
+
+    def form(self, name: str) -> Any:
+        """A compiled form by name, or None where the device has no such part.
+
+        Args:
+            name: 'elastic', 'electric' (energies); 'residual', 'tangent' (of both together);
+                'mesh_residual', 'mesh_tangent' (of the air's fictitious elasticity).
+        """
+        if name not in self._forms:
+            self._forms[name] = self._compile(name)
+        return self._forms[name]
+
+    def _compile(self, name: str) -> Any:
+        W, w = self.spaces.W, self.spaces.w
+        if name in ("elastic", "electric"):
+            return compat.form(self.potential(getattr(self, name)))
+        energies = self.mesh_motion if name.startswith("mesh") else self.elastic + self.electric
+        total = self.potential(energies)
+        if total is None:
+            return None
+        first = ufl.derivative(total, w, ufl.TestFunction(W))
+        if name.endswith("residual"):
+            return compat.form(first)
+        return compat.form(ufl.derivative(first, w, ufl.TrialFunction(W)))
+
+    def set_prestretch(self, fraction: float) -> None:
+        """Pre-stretch the film by a fraction (0: none, 1: all) of the config's pre-stretch."""
+        film = self.config.materials.film
+        radial, hoop = (1 + fraction * (s - 1) for s in film.prestretch)
+        self.prestretch.value[:] = (radial, thickness_stretch(film, radial, hoop), hoop)
+
+    def integrate(self, name: str) -> float:
+        """Energy of the current state, mJ, summed over ranks."""
+        local = fem.assemble_scalar(self.form(name))
+        return float(self.device.mesh.comm.allreduce(local, op=MPI.SUM))
+
+    @property
+    def force_scale(self) -> float:
+        """Characteristic force, N: film modulus times the film's inner cross-section."""
+        g, film = self.config.geometry, self.config.materials.film
+        modulus = shear_modulus(film)
+        return float(2 * np.pi * g.inner_radius * g.film_thickness * modulus)
+
+    @property
+    def charge_scale(self) -> float:
+        """Characteristic charge, uC: of the flat film at 1 kV."""
+        g, film = self.config.geometry, self.config.materials.film
+        area = np.pi * (g.outer_radius**2 - g.inner_radius**2)
+        return float(EPSILON_0 * film.relative_permittivity * area / g.film_thickness)
+
+
+def shear_modulus(law: Law) -> float:
+    """Shear modulus of a law at rest, MPa, from its energy under a small pure shear."""
+    d, p = 1e-3, SimpleNamespace(**law.parameters)
+    return float(law.energy(invariants_of_stretches(1 + d, 1 / (1 + d), 1.0), p) / (2 * d**2))
+
+
+def build_problem(config: Config, comm: MPI.Comm, mesh_file: Path | None = None) -> Problem:
+    """Mesh, spaces, constraints and energies of a config (collective).
+
+    Args:
+        config: The config.
+        comm: MPI communicator.
+        mesh_file: Where to write the mesh, if anywhere.
+    """
+    device = build_device(config, comm, mesh_file)
+    spaces = build_spaces(device, config.mesh.order)
+    mesh, m, g = device.mesh, config.materials, config.geometry
+    prestretch = constant(mesh, [1.0, 1.0, 1.0])
+
+    def permittivity(relative: float) -> Any:
+        return constant(mesh, EPSILON_0 * relative)
+
+    elastic: list[Energy] = [Hyperelastic("film", m.film, parameters(mesh, m.film), prestretch)]
+    electric: list[Energy] = [IdealDielectric("film", permittivity(m.film.relative_permittivity))]
+    motion: list[Energy] = []
+    if names.TOP_ELECTRODE in device.groups and m.electrode is not None:
+        elastic.append(Hyperelastic("electrodes", m.electrode, parameters(mesh, m.electrode)))
+    if names.MOUNT_BLOCK in device.groups and g.clamps is not None:
+        electric.append(IdealDielectric("blocks", permittivity(g.clamps.relative_permittivity)))
+    if names.AIR in device.groups:
+        electric.append(IdealDielectric("air", permittivity(1.0)))
+        motion.append(MeshElasticity("air", constant(mesh, config.physics.air_stiffness)))
+    return Problem(
+        config=config,
+        device=device,
+        spaces=spaces,
+        constraints=build(device, spaces, supports(g)),
+        kinematics=Axisymmetric(mesh),
+        elastic=elastic,
+        electric=electric,
+        mesh_motion=motion,
+        prestretch=prestretch,
+    )

@@ -1,0 +1,168 @@
+"""Residual and tangent in the reduced unknowns, assembled without lifting."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx.fem import petsc as fem_petsc
+
+from dealib.fem import compat
+from dealib.fem.constraints import FIELDS
+from dealib.fem.problem import Problem
+
+
+@dataclass
+class PortLaw:
+    """The equation of one port: its value is given, or its dual balances a device.
+
+    Attributes:
+        value: Prescribed value of the port; None if a device is attached instead.
+        load: Generalised load that the device puts on the port.
+        stiffness: Rate at which that load falls as the port's value grows.
+        origin: Port value at which the device's load is `load`.
+    """
+
+    value: float | None = None
+    load: float = 0.0
+    stiffness: float = 0.0
+    origin: float = 0.0
+
+    def residual(self, q: float, internal: float) -> float:
+        """Zero in equilibrium; `internal` is dPi/dq of the body."""
+        if self.value is not None:
+            return q - self.value
+        return internal - self.load + self.stiffness * (q - self.origin)
+
+
+class Timings(defaultdict[str, float]):
+    """Seconds by phase."""
+
+    def __init__(self) -> None:
+        super().__init__(float)
+
+    @contextmanager
+    def __call__(self, phase: str) -> Iterator[None]:
+        """Add the time of a block to a phase."""
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self[phase] += time.perf_counter() - start
+
+
+class System:
+    """The nonlinear system r(q) = 0 and its tangent.
+
+    Attributes:
+        ports: The equation of each port.
+        internal: dPi/dq at each port, of the last residual.
+        timings: Seconds spent by phase.
+    """
+
+    def __init__(self, problem: Problem, timings: Timings) -> None:
+        self.problem, self.map, self.timings = problem, problem.constraints, timings
+        self.ports = {name: PortLaw(value=0.0) for name in self.map.ports}
+        self.internal = dict.fromkeys(self.map.ports, 0.0)
+        self.q = self.map.create_vector()
+        self.residual_vector = self.map.create_vector()
+        self._parts = [("residual", "tangent", self.map.physical)]
+        if problem.mesh_motion:
+            self._parts.append(("mesh_residual", "mesh_tangent", self.map.mesh_rows))
+        with timings("forms"):
+            for residual, tangent, _ in self._parts:
+                problem.form(residual), problem.form(tangent)
+            self._local = compat.create_vector(problem.form("residual"))
+        self._columns = self.map.lgmap(self.map.columns)
+        self._rows = [self.map.lgmap(rows) for _, _, rows in self._parts]
+        with timings("assembly"):
+            self.matrix = self._create_matrix()
+
+    # --- residual --------------------------------------------------------------------------------
+
+    def residual(self, q: Any, out: Any) -> None:
+        """Assemble r(q), with the port equations in their rows."""
+        with self.timings("assembly"):
+            self.map.expand(q, self.problem.spaces.w)
+            out.set(0.0)
+            for form, _, rows in self._parts:
+                with self._local.localForm() as local:
+                    local.set(0.0)
+                fem_petsc.assemble_vector(self._local, self.problem.form(form))
+                with self._local.localForm() as local:
+                    used = rows >= 0
+                    out.setValues(rows[used], local.array_r[used], addv=PETSc.InsertMode.ADD_VALUES)
+                out.assemble()
+            self.internal = self.map.port_values(out)
+            values = self.map.port_values(q)
+            for name, law in self.ports.items():
+                self.map.set_port(out, name, law.residual(values[name], self.internal[name]))
+
+    def field_norms(self, vector: Any) -> npt.NDArray[np.float64]:
+        """Euclidean norm of a reduced vector by field, without the ports."""
+        mine = vector.array_r[: len(self.map.field)]
+        sums = np.bincount(self.map.field, weights=mine**2, minlength=len(FIELDS))
+        total = np.empty_like(sums)
+        self.map.comm.Allreduce(sums, total)
+        return np.asarray(np.sqrt(total))
+
+    # --- tangent ---------------------------------------------------------------------------------
+
+    def tangent(self, matrix: Any) -> None:
+        """Assemble dr/dq at the state of the last residual."""
+        with self.timings("assembly"):
+            matrix.zeroEntries()
+            self._assemble(matrix)
+            replaced = [self.map.ports[n] for n, p in self.ports.items() if p.value is not None]
+            for name, law in self.ports.items():
+                if law.value is None and law.stiffness and self.map.comm.rank == 0:
+                    row = self.map.ports[name]
+                    matrix.setValue(row, row, law.stiffness, addv=PETSc.InsertMode.ADD_VALUES)
+            matrix.assemble()
+            matrix.zeroRows(replaced if self.map.comm.rank == 0 else [], 1.0)
+
+    def _assemble(self, matrix: Any) -> None:
+        for (_, form, _), rows in zip(self._parts, self._rows, strict=True):
+            matrix.setLGMap(rows, self._columns)
+            fem_petsc.assemble_matrix(matrix, self.problem.form(form))
+        matrix.assemblyBegin(PETSc.Mat.AssemblyType.FLUSH)
+        matrix.assemblyEnd(PETSc.Mat.AssemblyType.FLUSH)
+
+    def _create_matrix(self) -> Any:
+        """The reduced matrix with just the entries that can be other than zero.
+
+        The pattern comes from a tangent at a generic state, at which no entry vanishes by chance.
+        Later assemblies skip exact zeros, which lie outside it.
+        """
+        w = self.problem.spaces.w
+        saved = w.x.array.copy()
+        index_map = self.problem.spaces.W.dofmap.index_map
+        local = np.concatenate([np.arange(*index_map.local_range), index_map.ghosts])
+        size = 1e-9 * self.problem.config.geometry.film_thickness
+        w.x.array[:] = size * (1 + np.sin(1e3 * local))
+        loose = PETSc.Mat().createAIJ(
+            ((self.map.owned, None), (self.map.owned, None)), comm=self.map.comm
+        )
+        loose.setPreallocationNNZ(self._row_bound())
+        loose.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        loose.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)
+        for port in self.map.ports.values() if self.map.comm.rank == 0 else ():
+            loose.setValue(port, port, 1.0, addv=PETSc.InsertMode.ADD_VALUES)
+        self._assemble(loose)
+        loose.assemble()
+        matrix = loose.duplicate(copy=False)
+        matrix.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)
+        matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        w.x.array[:] = saved
+        return matrix
+
+    def _row_bound(self) -> tuple[Any, Any]:
+        return (96, 96) if self.problem.spaces.order == 2 else (48, 48)

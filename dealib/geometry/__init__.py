@@ -1,0 +1,1 @@
+"""Device shapes as Gmsh models, their names and their supports."""

@@ -1,0 +1,98 @@
+"""One Gmsh session: build or read the mesh of a config, check its names, write it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dealib.config.schema import Config
+from dealib.errors import ConfigError
+from dealib.geometry import annular_strips, names
+
+_QUAD, _TRIANGLE = 3, 2  # Gmsh's element types
+
+
+@contextmanager
+def gmsh_model(config: Config) -> Iterator[Any]:
+    """The meshed Gmsh model of a config; Gmsh is closed on leaving.
+
+    Raises:
+        ConfigError: If a mesh file lacks names, or does not fit the geometry.
+    """
+    import gmsh
+
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
+        if config.mesh.file is None:
+            gmsh.model.add(config.name)
+            annular_strips.build(gmsh, config.geometry, config.mesh)
+        else:
+            _read(gmsh, config)
+        yield gmsh
+    finally:
+        gmsh.finalize()
+
+
+def write(config: Config, path: Path) -> dict[str, int]:
+    """Write the mesh of a config in Gmsh's format 4.1; returns the number of cells by region."""
+    with gmsh_model(config) as gmsh:
+        gmsh.write(str(path))
+        return cells_by_region(gmsh.model)
+
+
+def cells_by_region(model: Any) -> dict[str, int]:
+    """Number of cells in each named region."""
+    return {
+        model.getPhysicalName(2, tag): sum(
+            len(ids)
+            for surface in model.getEntitiesForPhysicalGroup(2, tag)
+            for ids in model.mesh.getElements(2, surface)[1]
+        )
+        for _, tag in model.getPhysicalGroups(2)
+    }
+
+
+def _read(gmsh: Any, config: Config) -> None:
+    path = config.mesh.file
+    try:
+        gmsh.open(path)
+    except Exception:  # gmsh raises plain Exception
+        reason = gmsh.logger.getLastError() or "unknown format"
+        raise ConfigError(f"mesh.file {path}: Gmsh cannot read it: {reason}") from None
+    model = gmsh.model
+    found = {model.getPhysicalName(d, t): d for d, t in model.getPhysicalGroups()}
+    missing = [n for n, d in names.expected(config.geometry).items() if found.get(n) != d]
+    if missing:
+        raise ConfigError(
+            f"mesh.file {path}: no physical group named {', '.join(missing)}; the geometry of the "
+            f"config asks for them, the file has: {', '.join(sorted(found)) or 'none'}"
+        )
+    kinds = set(map(int, model.mesh.getElements(2)[0]))
+    if kinds not in ({_QUAD}, {_TRIANGLE}):
+        raise ConfigError(
+            f"mesh.file {path}: all cells must be 4-node quadrilaterals, or all 3-node triangles"
+        )
+    g = config.geometry
+    nodes = np.concatenate(
+        [
+            model.mesh.getNodes(2, s, includeBoundary=True)[1].reshape(-1, 3)
+            for _, t in model.getPhysicalGroups(2)
+            if model.getPhysicalName(2, t) == names.FILM
+            for s in model.getEntitiesForPhysicalGroup(2, t)
+        ]
+    )
+    half = g.film_thickness / 2
+    wanted = np.array([[g.inner_radius, -half], [g.outer_radius, half]])
+    got = np.array([nodes[:, :2].min(axis=0), nodes[:, :2].max(axis=0)])
+    if np.abs(got - wanted).max() > 1e-6 * g.outer_radius:
+        raise ConfigError(
+            f"mesh.file {path}: the film spans R = {got[0, 0]:g}..{got[1, 0]:g}, "
+            f"Z = {got[0, 1]:g}..{got[1, 1]:g} mm, but the geometry of the config says "
+            f"R = {wanted[0, 0]:g}..{wanted[1, 0]:g}, Z = {wanted[0, 1]:g}..{wanted[1, 1]:g} mm"
+        )

@@ -1,0 +1,54 @@
+"""All fields of a state for the eye: from nodal u and phi on a `ResultMesh`."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dealib.config.schema import Config
+from dealib.results import local
+from dealib.results.elements import Array
+from dealib.results.mesh import ResultMesh
+
+
+def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
+    """Nodal fields, averaged within a region and never across its faces.
+
+    Args:
+        config: The config of the run.
+        mesh: Mesh of the results.
+        state: Nodal (u_R, u_Z, phi), shape (nodes, 3).
+
+    Returns:
+        u (mm) and phi (kV); E (kV/mm) and D (uC/mm^2) in the deformed body; cauchy_stress and
+        second_pk_stress (elastic, per mesh area for the latter) and maxwell_stress, MPa;
+        J = det F. Vectors have components (R, Z, theta), tensors (3, 3).
+    """
+    n = len(mesh.points)
+    out: dict[str, Array] = {
+        "u": np.column_stack([state[:, :2], np.zeros(n)]),
+        "phi": state[:, 2].copy(),
+        "E": np.zeros((n, 3)),
+        "D": np.zeros((n, 3)),
+        "cauchy_stress": np.zeros((n, 3, 3)),
+        "second_pk_stress": np.zeros((n, 3, 3)),
+        "maxwell_stress": np.zeros((n, 3, 3)),
+        "J": np.ones(n),
+    }
+    for name, material in local.region_materials(config).items():
+        cells = mesh.in_region(name)
+        if len(cells) == 0:
+            continue
+        nodal = state[mesh.cells[cells]]
+        k = local.kinematics(
+            mesh.cell, mesh.corners[cells], mesh.cell.nodes, nodal[..., :2], nodal[..., 2]
+        )
+        found = {"J": k.J}
+        if material.permittivity:
+            found["E"], found["D"] = k.e, material.permittivity * k.e
+            found["maxwell_stress"] = local.maxwell(material.permittivity, k.e)
+        if material.law is not None:
+            S = local.second_pk(material.law, k.F, material.prestretch)
+            found["second_pk_stress"], found["cauchy_stress"] = S, local.cauchy(k.F, S)
+        for key, values in found.items():
+            mesh.average(values, cells, out[key])
+    return out

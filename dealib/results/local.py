@@ -1,0 +1,137 @@
+"""Local quantities from nodal u and phi, in numpy: deformation, field, stresses.
+
+Tensors have components (R, Z, theta); only RZ is off the diagonal.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from dealib.config.schema import Config
+from dealib.materials import Invariants, Law, thickness_stretch
+from dealib.results.elements import Array, Cell, gradients
+from dealib.units import EPSILON_0
+
+
+@dataclass(frozen=True)
+class Kinematics:
+    """What follows from the nodal values alone, at points of cells.
+
+    Attributes:
+        F: Deformation gradient from the mesh, (cells, points, 3, 3).
+        J: det F.
+        e: True electric field, (cells, points, 3), kV/mm = MV/m.
+    """
+
+    F: Array
+    J: Array
+    e: Array
+
+
+def kinematics(cell: Cell, corners: Array, points: Array, u: Array, phi: Array) -> Kinematics:
+    """Deformation and field at reference points.
+
+    Args:
+        cell: Reference cell.
+        corners: Corner coordinates (cells, corners, 2), mm.
+        points: Reference points (points, 2).
+        u: Nodal displacements (cells, nodes, 2), mm.
+        phi: Nodal potentials (cells, nodes), kV.
+    """
+    N, _ = cell.shape(points)
+    position, dN = gradients(cell, corners, points)
+    F = np.zeros((*position.shape[:2], 3, 3))
+    F[..., :2, :2] = np.einsum("cpnj,cni->cpij", dN, u) + np.eye(2)
+    F[..., 2, 2] = 1 + np.einsum("pn,cn->cp", N, u[..., 0]) / position[..., 0]
+    J = np.linalg.det(F)
+    E = np.zeros((*position.shape[:2], 3))
+    E[..., :2] = -np.einsum("cpnj,cn->cpj", dN, phi)
+    e = np.einsum("cpji,cpj->cpi", np.linalg.inv(F), E)  # F^-T E
+    return Kinematics(F, J, e)
+
+
+def second_pk(law: Law, F: Array, prestretch: Array | None = None) -> Array:
+    """Elastic second Piola-Kirchhoff stress per mesh area, S = 2 dW/dC, shape of F.
+
+    Args:
+        law: The law.
+        F: Deformation gradient from the mesh, (..., 3, 3).
+        prestretch: Stretches (radial, thickness, hoop) before the mesh; None for none.
+    """
+    P = np.diag(np.ones(3) if prestretch is None else prestretch)
+    total = F @ P
+    C = np.swapaxes(total, -1, -2) @ total
+    J = np.linalg.det(total)
+    trace = np.trace(C, axis1=-2, axis2=-1)
+    second = (trace**2 - np.einsum("...ij,...ij", C, C)) / 2
+    i = Invariants(J ** (-2 / 3) * trace, J ** (-4 / 3) * second, J)
+    d = _derivatives(law, i)
+    inverse, one = np.linalg.inv(C), np.eye(3)
+
+    def times(a: Array, T: Array) -> Array:
+        return np.asarray(a[..., None, None] * T)
+
+    S = 2 * times(d.I1 * J ** (-2 / 3), one - times(trace / 3, inverse))
+    S += 2 * times(d.I2 * J ** (-4 / 3), times(trace, one) - C - times(2 / 3 * second, inverse))
+    S += times(d.J * J, inverse)
+    return np.asarray(P @ S @ P / np.linalg.det(P))
+
+
+def _derivatives(law: Law, i: Invariants) -> Invariants:
+    """dW/dI1, dW/dI2, dW/dJ by complex steps, exact to rounding."""
+    p, h = SimpleNamespace(**law.parameters), 1e-30
+    found = {}
+    for name in ("I1", "I2", "J"):
+        moved: dict[str, Any] = {n: getattr(i, n) + 0j for n in ("I1", "I2", "J")}
+        moved[name] = moved[name] + 1j * h
+        energy = law.energy(Invariants(**moved), p) + 0j
+        found[name] = np.broadcast_to(np.imag(energy) / h, i.J.shape)
+    return Invariants(**found)
+
+
+def cauchy(F: Array, S: Array) -> Array:
+    """Sigma = F S F^T / J."""
+    return np.asarray(F @ S @ np.swapaxes(F, -1, -2) / np.linalg.det(F)[..., None, None])
+
+
+def maxwell(permittivity: float, e: Array) -> Array:
+    """Maxwell stress eps (e (x) e - e.e I / 2), MPa (thesis, section 2.3)."""
+    ee = np.einsum("...i,...j->...ij", e, e)
+    square = np.einsum("...i,...i", e, e)[..., None, None]
+    return np.asarray(permittivity * (ee - square / 2 * np.eye(3)))
+
+
+@dataclass(frozen=True)
+class RegionMaterial:
+    """What a region is made of, for local quantities.
+
+    Attributes:
+        law: Its law; None for air and rigid blocks.
+        permittivity: eps in N/kV^2; 0 for a conductor.
+        prestretch: Stretches (radial, thickness, hoop) of the mounted state, or None.
+    """
+
+    law: Law | None
+    permittivity: float
+    prestretch: Array | None = None
+
+
+def region_materials(config: Config) -> dict[str, RegionMaterial]:
+    """Materials of all regions that a config can have."""
+    film, g = config.materials.film, config.geometry
+    radial, hoop = film.prestretch
+    mounted = np.array([radial, thickness_stretch(film, radial, hoop), hoop])
+    electrode = RegionMaterial(config.materials.electrode, 0.0)
+    block = RegionMaterial(None, EPSILON_0 * (g.clamps.relative_permittivity if g.clamps else 1))
+    return {
+        "film": RegionMaterial(film, EPSILON_0 * film.relative_permittivity, mounted),
+        "top_electrode": electrode,
+        "bottom_electrode": electrode,
+        "air": RegionMaterial(None, EPSILON_0),
+        "mount_block": block,
+        "frame_block": block,
+    }

@@ -1,0 +1,80 @@
+"""The mesh of the results: plain arrays, nodes split where regions meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dealib.results.elements import Array, Cell
+
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class ResultMesh:
+    """A mesh on which no nodal average crosses from one region into another.
+
+    Attributes:
+        cell: Reference cell.
+        points: Node coordinates (nodes, 2), (R, Z) in mm.
+        cells: Nodes of each cell, VTK's order.
+        region: Region id of each cell.
+        names: Region names by id.
+    """
+
+    cell: Cell
+    points: Array
+    cells: Ints
+    region: Ints
+    names: tuple[str, ...]
+
+    @classmethod
+    def number(
+        cls, cell: Cell, shared: Any, corners: Array, region: Any, names: tuple[str, ...]
+    ) -> ResultMesh:
+        """Number the nodes by first appearance, once a region.
+
+        Args:
+            cell: Reference cell.
+            shared: Any number of each cell's nodes that is equal where cells share a node.
+            corners: Corner coordinates of each cell.
+            region: Region id of each cell.
+            names: Region names by id.
+        """
+        key = shared * len(names) + region[:, None]
+        _, first, inverse = np.unique(key.ravel(), return_index=True, return_inverse=True)
+        rank = np.empty(len(first), dtype=np.int64)
+        rank[np.argsort(first)] = np.arange(len(first))
+        cells = rank[inverse].reshape(key.shape)
+        N, _ = Cell(cell.name, 1).shape(cell.nodes)
+        points = np.empty((len(first), 2))
+        points[cells] = np.einsum("pn,cni->cpi", N, corners)
+        return cls(cell, points, cells, np.asarray(region, dtype=np.int64), names)
+
+    @property
+    def corners(self) -> Array:
+        """Corner coordinates of each cell, (cells, corners, 2)."""
+        return np.asarray(self.points[self.cells[:, : self.cell.corners]])
+
+    def in_region(self, name: str) -> Ints:
+        """Indices of the cells of a region."""
+        return np.flatnonzero(self.region == self.names.index(name))
+
+    def to_nodes(self, by_cell: Array) -> Array:
+        """Nodal values from values by cell of a quantity that is continuous."""
+        out = np.empty((len(self.points), *by_cell.shape[2:]))
+        out[self.cells] = by_cell
+        return out
+
+    def average(self, by_cell: Array, cells: Ints, out: Array) -> None:
+        """Average values at the nodes of some cells (of one region) into `out`."""
+        nodes = self.cells[cells].ravel()
+        count = np.bincount(nodes, minlength=len(self.points))
+        used = count > 0
+        flat, target = by_cell.reshape(len(nodes), -1), out.reshape(len(out), -1)
+        for k in range(flat.shape[1]):
+            total = np.bincount(nodes, weights=flat[:, k], minlength=len(self.points))
+            target[used, k] = total[used] / count[used]

@@ -1,0 +1,108 @@
+"""Reading a run directory, without dolfinx."""
+
+from __future__ import annotations
+
+import json
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dealib.errors import ConfigError
+from dealib.results import store
+from dealib.results.elements import Array
+
+if TYPE_CHECKING:
+    import pandas
+    import pyvista
+
+    from dealib.config.schema import Config
+    from dealib.results.mesh import ResultMesh
+
+
+class Run:
+    """A finished, failed or running run.
+
+    Args:
+        directory: The run directory.
+
+    Raises:
+        ConfigError: If the directory holds no run.
+    """
+
+    def __init__(self, directory: str | Path) -> None:
+        self.directory = Path(directory)
+        if not (self.directory / store.INFO).is_file():
+            raise ConfigError(f"{self.directory}: no run here (there is no {store.INFO})")
+
+    @property
+    def info(self) -> dict[str, Any]:
+        """What `run.json` says: status, versions, timings."""
+        return dict(json.loads((self.directory / store.INFO).read_text(encoding="utf-8")))
+
+    @cached_property
+    def history(self) -> pandas.DataFrame:
+        """The history, one row a converged step."""
+        import pandas as pd
+
+        path = self.directory / store.HISTORY
+        if not path.is_file():
+            raise ConfigError(f"{self.directory}: no step has converged yet")
+        return pd.read_csv(path)
+
+    @cached_property
+    def config(self) -> Config:
+        """The config as it was run."""
+        from dealib.config import load
+
+        return load(self.directory / "config.resolved.yaml").config
+
+    @cached_property
+    def mesh(self) -> ResultMesh:
+        """Mesh of the stored states."""
+        with self._file() as file:
+            return store.read_mesh(file)
+
+    @property
+    def stored_steps(self) -> list[int]:
+        """Steps whose state is stored."""
+        with self._file() as file:
+            return sorted(int(name) for name in file["states"])
+
+    def _file(self) -> Any:
+        import h5py
+
+        return h5py.File(self.directory / store.STATES, "r")
+
+    def state(self, index: int = -1) -> Array:
+        """Nodal (u_R, u_Z, phi) of the index-th stored step, (nodes, 3)."""
+        steps = self.stored_steps
+        try:
+            step = steps[index]
+        except IndexError:
+            raise ConfigError(
+                f"{self.directory}: there are {len(steps)} stored steps, no number {index}"
+            ) from None
+        with self._file() as file:
+            return np.asarray(file[f"states/{step:05d}"][:], dtype=np.float64)
+
+    def arrays(self, index: int = -1) -> dict[str, Array]:
+        """All nodal fields of the index-th stored step (see `dealib.results.fields`)."""
+        from dealib.results.fields import fields
+
+        return fields(self.config, self.mesh, self.state(index))
+
+    def fields(self, index: int = -1) -> pyvista.UnstructuredGrid:
+        """A pyvista grid of the index-th stored step, with all fields; points undeformed."""
+        import pyvista as pv
+
+        mesh = self.mesh
+        cells = np.column_stack([np.full(len(mesh.cells), mesh.cells.shape[1]), mesh.cells])
+        kinds = np.full(len(cells), mesh.cell.vtk_type, dtype=np.uint8)
+        points = np.column_stack([mesh.points, np.zeros(len(mesh.points))])
+        grid = pv.UnstructuredGrid(cells.ravel(), kinds, points)
+        for name, values in self.arrays(index).items():
+            grid.point_data[name] = values.reshape(len(points), -1).squeeze()
+        grid.cell_data["region"] = mesh.region
+        return grid

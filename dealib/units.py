@@ -1,0 +1,122 @@
+"""Quantities with units at the border; plain floats in mm, N, MPa, kV, s inside.
+
+With these base units energy is in mJ, charge in uC, capacitance in nF and the electric field in
+kV/mm = MV/m.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
+
+if TYPE_CHECKING:
+    import pint
+
+EPSILON_0 = 8.8541878128e-6  # vacuum permittivity, N/kV^2 (CODATA 2018)
+GRAVITY = 9.80665  # standard gravity, m/s^2; times kg gives N
+
+# dimension -> (internal unit, example shown in messages)
+DIMENSIONS = {
+    "length": ("mm", "30 um"),
+    "time": ("s", "10 s"),
+    "force": ("N", "-0.3 N"),
+    "mass": ("kg", "20 g"),
+    "stress": ("MPa", "1 MPa"),
+    "stiffness": ("N/mm", "0.1 N/mm"),
+    "voltage": ("kV", "2.5 kV"),
+    "charge": ("uC", "0.5 uC"),
+    "electric field": ("kV/mm", "80 V/um"),
+}
+
+_NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*")
+
+
+@functools.cache
+def _registry() -> pint.UnitRegistry:
+    import pint  # 0.3 s: only once a quantity is read
+
+    return pint.UnitRegistry(cache_folder=":auto:")
+
+
+def parse(text: object, dimension: str) -> float:
+    """Read a quantity such as '30 um'.
+
+    Args:
+        text: A number followed by a unit.
+        dimension: A key of `DIMENSIONS`.
+
+    Returns:
+        The value in dealib's internal unit of that dimension.
+
+    Raises:
+        ValueError: If there is no unit, or one of another dimension.
+    """
+    unit, example = DIMENSIONS[dimension]
+    wanted = f"expected a {dimension} with its unit, such as '{example}'"
+    if isinstance(text, bool) or not isinstance(text, (str, int, float)):
+        raise ValueError(f"{wanted}, not {type(text).__name__}")
+    number = _NUMBER.match(str(text))
+    if number is None:
+        raise ValueError(f"{wanted}; {str(text)!r} does not start with a number")
+    given = str(text)[number.end() :].strip()
+    if not given:
+        raise ValueError(f"{wanted}; {str(text).strip()!r} has no unit")
+    return float(number.group()) * _factor(given, unit, wanted)
+
+
+@functools.cache
+def _factor(given: str, unit: str, wanted: str) -> float:
+    """Factor from a unit of the user to an internal one."""
+    import pint
+
+    try:
+        quantity = _registry().Quantity(1.0, given)
+    except Exception:  # pint raises its parser's and tokenizer's errors as they come
+        raise ValueError(f"{wanted}; {given!r} is no unit") from None
+    try:
+        return float(quantity.to(unit).magnitude)
+    except pint.DimensionalityError:
+        raise ValueError(f"{wanted}; '{given}' is not a unit of that kind") from None
+
+
+def write(value: float, dimension: str) -> str:
+    """Inverse of `parse`: a text that reads back as the same float."""
+    return f"{value!r} {DIMENSIONS[dimension][0]}"
+
+
+def _quantity(dimension: str) -> Any:
+    _, example = DIMENSIONS[dimension]
+    return Annotated[
+        float,
+        BeforeValidator(functools.partial(parse, dimension=dimension)),
+        PlainSerializer(functools.partial(write, dimension=dimension), return_type=str),
+        WithJsonSchema(
+            {
+                "type": "string",
+                "pattern": r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*\S+",
+                "description": f"{dimension} with its unit",
+                "examples": [example],
+            }
+        ),
+    ]
+
+
+if TYPE_CHECKING:
+    Length: TypeAlias = float
+    Time: TypeAlias = float
+    Force: TypeAlias = float
+    Mass: TypeAlias = float
+    Stress: TypeAlias = float
+    Stiffness: TypeAlias = float
+    Voltage: TypeAlias = float
+    Charge: TypeAlias = float
+    ElectricField: TypeAlias = float
+else:
+    Length, Time, Force, Mass, Stress = map(
+        _quantity, ("length", "time", "force", "mass", "stress")
+    )
+    Stiffness, Voltage, Charge = map(_quantity, ("stiffness", "voltage", "charge"))
+    ElectricField = _quantity("electric field")
