@@ -32,7 +32,6 @@ VERSION: str = dolfinx.__version__
 LEGACY = not hasattr(fem, "functionspace")  # Debian 12's 0.5.2: elements live in UFL, not in Basix
 
 if LEGACY:
-    functionspace = fem.FunctionSpace
 
     def element(mesh: Any, family: str, degree: int, shape: tuple[int, ...] = ()) -> Any:
         """Lagrange-type element of a value shape: () scalar, (n,) vector, (m, n) tensor."""
@@ -51,8 +50,6 @@ if LEGACY:
 else:
     import basix.ufl
 
-    functionspace = fem.functionspace
-
     def element(mesh: Any, family: str, degree: int, shape: tuple[int, ...] = ()) -> Any:
         """Lagrange-type element of a value shape: () scalar, (n,) vector, (m, n) tensor."""
         return basix.ufl.element(family, mesh.basix_cell(), degree, shape=shape)
@@ -70,6 +67,12 @@ def _quiet() -> Iterator[None]:
         yield
     finally:
         logging.disable(logging.NOTSET)
+
+
+def functionspace(mesh: Any, element: Any) -> Any:
+    """A function space; its element may have to be compiled."""
+    with _quiet():
+        return (fem.FunctionSpace if LEGACY else fem.functionspace)(mesh, element)
 
 
 def form(expression: Any, jit: dict[str, Any] | None = None) -> Any:

@@ -164,6 +164,8 @@ def _air(
         groups[1, names.AXIS_AIR].append(abs(loop[0]))
         groups[1, names.OUTER_AIR].append(abs(loop[-2]))
         groups[1, names.TOP_AIR if side > 0 else names.BOTTOM_AIR].append(loop[-1])
+        if side < 0:  # counter-clockwise too
+            loop = [-line for line in reversed(loop)]
         surface = grid.geo.addPlaneSurface([grid.geo.addCurveLoop(loop)])
         groups[2, names.AIR].append(int(surface))
 

@@ -1,0 +1,37 @@
+"""Shared helpers: configs by name, histories computed once a session."""
+
+from __future__ import annotations
+
+import functools
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import dealib
+
+CONFIGS = Path(__file__).parent.parent / "configs"
+
+
+def case(name: str, **changes: object) -> dealib.Case:
+    """A shipped config with changes; `__` stands for the dot of a key."""
+    return dealib.load(
+        CONFIGS / f"{name}.yaml", set={k.replace("__", "."): v for k, v in changes.items()}
+    )
+
+
+@functools.cache
+def _history(name: str, changes: tuple[tuple[str, object], ...]) -> pd.DataFrame:
+    rows = [state.row for state in dealib.Simulation(case(name, **dict(changes)))]
+    return pd.DataFrame(rows)
+
+
+def history(name: str, **changes: object) -> pd.DataFrame:
+    """The history of a shipped config with changes, computed once."""
+    return _history(name, tuple(sorted(changes.items())))
+
+
+@pytest.fixture(scope="session")
+def strip_run(tmp_path_factory: pytest.TempPathFactory) -> dealib.Run:
+    """The run directory of benchmark_strip, made once."""
+    return dealib.simulate(case("benchmark_strip"), tmp_path_factory.mktemp("run") / "strip")

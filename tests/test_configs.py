@@ -1,0 +1,93 @@
+"""Every config in configs/ is run and asserts physical numbers."""
+
+import numpy as np
+import pytest
+from conftest import CONFIGS, history
+
+from dealib.units import EPSILON_0, GRAVITY
+
+CONFIG_NAMES = {
+    "benchmark_strip",
+    "benchmark_strip_air",
+    "deap100",
+    "deap100_displacement",
+    "deap200",
+    "deap75",
+    "membrane",
+    "own_mesh",
+}
+
+
+def test_every_shipped_config_is_run_here():
+    assert {path.stem for path in CONFIGS.glob("*.yaml")} == CONFIG_NAMES
+
+
+@pytest.mark.parametrize(
+    ("name", "tolerance", "expected"),
+    [
+        # forces and capacitances on which two independent codes agree to six digits
+        ("benchmark_strip", 1e-4, (-1.07523, 355.476, -0.81331, 359.114)),
+        ("benchmark_strip_air", 2e-4, (-1.07528, 355.478, -0.81336, 359.117)),
+    ],
+)
+def test_benchmark_strips(name, tolerance, expected):
+    h = history(name)
+    pushed, actuated = h.loc[12], h.iloc[-1]
+    assert pushed["displacement_mm"] == pytest.approx(-3, abs=1e-12)
+    assert actuated["voltage_kV"] == pytest.approx(2.5, abs=1e-12)
+    got = [s[k] for s in (pushed, actuated) for k in ("force_N", "capacitance_pF")]
+    assert got == pytest.approx(list(expected), rel=tolerance)
+    assert h.loc[0, "capacitance_pF"] == pytest.approx(230.31, rel=1e-4)
+
+
+def test_deap100_force_control():
+    h = history("deap100")
+    assert len(h) == 32
+    assert h["time_s"].iloc[[0, 10, 11, 21, 31]].tolist() == pytest.approx([0, 10, 15, 25, 35])
+    assert h["force_N"].iloc[10:].to_numpy() == pytest.approx(-0.3, abs=1e-8)
+    assert h["voltage_kV"].iloc[21] == pytest.approx(2.5)
+    stroke = h["displacement_mm"].iloc[21] - h["displacement_mm"].iloc[11]
+    assert -0.6 < stroke < -0.2  # mm; the axis of the thesis's Fig. 31 ends at 0.6 mm
+    assert h["field_max_MV_per_m"].iloc[21] == pytest.approx(1e2, rel=0.3)  # Fig. 28: order 1e8 V/m
+    # the elastic cycle returns to where it began
+    columns = ["displacement_mm", "capacitance_pF", "elastic_energy_mJ"]
+    assert h.loc[31, columns].to_numpy(float) == pytest.approx(
+        h.loc[11, columns].to_numpy(float), rel=1e-7
+    )
+
+
+@pytest.mark.parametrize("name", ["deap75", "deap100_displacement", "deap200"])
+def test_displacement_control_blocks_the_stroke(name):
+    h = history(name)
+    held, full = h.loc[11], h.loc[21]
+    assert held["displacement_mm"] == full["displacement_mm"]
+    assert held["force_N"] < full["force_N"] < 0  # the voltage relieves the mount
+    g = {"deap75": (5.8, 9.5), "deap100_displacement": (8.35, 12.35), "deap200": (16.8, 25.4)}
+    inner, outer = g[name]
+    flat = EPSILON_0 * 3 * np.pi * (outer**2 - inner**2) / 0.03 * 1e3
+    assert h.loc[0, "capacitance_pF"] == pytest.approx(flat, rel=1e-6)
+    assert h["capacitance_pF"].is_monotonic_increasing or held["capacitance_pF"] > flat
+
+
+def test_membrane_tends_to_its_thin_limit():
+    """Annular membrane under an out-of-plane push: F / (mu H a) at u/a = 1 (neo-Hooke)."""
+    h = history("membrane")
+    pushed = h[(h["voltage_kV"] == 0)].iloc[-1]
+    assert pushed["displacement_mm"] == pytest.approx(-10)
+    force = [-pushed["force_N"], -h["force_N"].iloc[-1]]  # mu H a = 1 N
+    limit = np.array([8.307286, 7.119352])  # at phi~ = 0 and 0.3
+    assert force == pytest.approx(limit, rel=7e-3)
+    assert (force < limit).all()  # from below
+    C = np.array([pushed["capacitance_pF"], h["capacitance_pF"].iloc[-1]])
+    thin = np.array([26.584370, 26.734910]) * EPSILON_0 * 3 * 10**2 / 0.1 * 1e3
+    assert pytest.approx(thin, rel=7e-3) == C
+    assert (thin > C).all()
+
+
+def test_own_mesh_with_a_mass():
+    h = history("own_mesh")
+    assert h["force_N"].iloc[4:].to_numpy() == pytest.approx(-0.020 * GRAVITY, abs=1e-8)
+    peaks, rest = h.loc[[6, 10], "displacement_mm"], h.loc[[4, 8, 12], "displacement_mm"]
+    assert peaks.iloc[0] == pytest.approx(peaks.iloc[1], rel=1e-7)  # both cycles alike
+    assert rest.to_numpy() == pytest.approx(rest.iloc[0], rel=1e-7)
+    assert peaks.iloc[0] < rest.iloc[0] < -0.5

@@ -1,0 +1,159 @@
+"""Meshes of all variants: names, matching edges, grading, files."""
+
+import gmsh
+import numpy as np
+import pytest
+from conftest import case
+
+from dealib.errors import ConfigError
+from dealib.geometry import grading, names
+from dealib.geometry.model import gmsh_model, write
+
+CLAMPS = "{width: 2 mm, height: 1.5 mm}"
+VARIANTS = {
+    "strips and air": {},
+    "no air": {"geometry__air_height": "0 mm"},
+    "no electrodes": {"geometry__electrode_thickness": "0 um"},
+    "film alone": {"geometry__electrode_thickness": "0 um", "geometry__air_height": "0 mm"},
+    "clamps": {"geometry__clamps": CLAMPS},
+    "clamps, no air": {"geometry__clamps": CLAMPS, "geometry__air_height": "0 mm"},
+    "clamps, no electrodes": {
+        "geometry__clamps": CLAMPS,
+        "geometry__electrode_thickness": "0 um",
+    },
+    "uniform": {"mesh__grading": "uniform"},
+    "tanh": {"mesh__grading": "tanh"},
+}
+
+
+def cells_of(model):
+    """Corner coordinates by region, and all cells' qualities."""
+    tags, xyz, _ = model.mesh.getNodes()
+    where = np.zeros(int(tags.max()) + 1, int)
+    where[tags] = np.arange(len(tags))
+    points, found = xyz.reshape(-1, 3)[:, :2], {}
+    for _, group in model.getPhysicalGroups(2):
+        parts = []
+        for surface in model.getEntitiesForPhysicalGroup(2, group):
+            kinds, _, nodes = model.mesh.getElements(2, surface)
+            assert list(kinds) == [3], "all quadrilaterals"
+            parts.append(points[where[nodes[0].reshape(-1, 4)]])
+        found[model.getPhysicalName(2, group)] = np.concatenate(parts)
+    return found
+
+
+def area(quads):
+    x, y = quads[..., 0], quads[..., 1]
+    return 0.5 * (x * np.roll(y, -1, 1) - y * np.roll(x, -1, 1)).sum(axis=1)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_variant(variant):
+    config = case("deap100", **VARIANTS[variant]).config
+    g = config.geometry
+    with gmsh_model(config) as session:
+        cells = cells_of(session.model)
+        found = {
+            session.model.getPhysicalName(d, t): d for d, t in session.model.getPhysicalGroups()
+        }
+    assert found == names.expected(g)
+    assert all((area(q) > 0).all() for q in cells.values())
+    # areas of the regions are exact, so nothing overlaps and nothing is missing
+    length = g.outer_radius - g.inner_radius
+    total = {r: abs(area(q)).sum() for r, q in cells.items()}
+    assert total["film"] == pytest.approx(length * g.film_thickness)
+    assert len(cells["film"]) == 60 * 4
+    solid = length * 2 * g.half_thickness
+    if g.electrode_thickness > 0:
+        assert total["top_electrode"] == pytest.approx(length * g.electrode_thickness)
+    if g.clamps is not None:
+        assert total["mount_block"] == pytest.approx(2 * 2 * 1.5)
+        assert total["frame_block"] == pytest.approx(2 * 2 * 1.5)
+        solid += 2 * 2 * 2 * 1.5
+    if g.air_height > 0:
+        width = length + (2 * g.clamps.width if g.clamps else 0)
+        assert total["air"] == pytest.approx(width * 2 * g.air_height - solid)
+
+
+@pytest.mark.parametrize("kind", ["ends", "uniform", "tanh"])
+def test_columns_have_their_grading(kind):
+    config = case("deap100", mesh__grading=kind).config
+    with gmsh_model(config) as session:
+        film = cells_of(session.model)["film"]
+    radii = np.unique(np.round(film[..., 0], 9))
+    size = np.diff(radii)
+    assert len(radii) == 61
+    assert size == pytest.approx(size[::-1], rel=1e-5)  # both ends alike
+    if kind == "uniform":
+        assert size == pytest.approx(4 / 60, rel=1e-6)
+    if kind == "ends":
+        assert size[0] == pytest.approx(0.030 / 4, rel=1e-5)  # square cells at the ends
+        ratio = size[1:30] / size[:29]
+        assert ratio == pytest.approx(ratio[0], rel=1e-4)
+    if kind == "tanh":
+        s = np.linspace(0, 1, 61)
+        R = 8.35 + 4 * 0.5 * (1 + np.tanh(4 * (s - 0.5)) / np.tanh(2))
+        assert radii == pytest.approx(R, abs=1e-8)
+
+
+def test_air_cells_are_well_shaped():
+    config = case("deap100").config
+    with gmsh_model(config) as session:
+        model = session.model
+        air = [
+            s
+            for _, t in model.getPhysicalGroups(2)
+            if model.getPhysicalName(2, t) == "air"
+            for s in model.getEntitiesForPhysicalGroup(2, t)
+        ]
+        quality = np.concatenate(
+            [model.mesh.getElementQualities(model.mesh.getElements(2, s)[1][0]) for s in air]
+        )
+    assert quality.min() > 0.2
+    assert np.median(quality) > 0.7
+
+
+def test_geometric_grading_reaches_its_end():
+    x = grading.geometric(10, 0.01)
+    assert x[0] == 0
+    assert x[-1] == pytest.approx(1)
+    assert np.diff(x)[0] == pytest.approx(0.01)
+    assert grading.geometric(4, 0.5) == pytest.approx([0, 0.25, 0.5, 0.75, 1])
+
+
+def test_written_mesh_is_read_back(tmp_path):
+    counts = write(case("deap100").config, tmp_path / "m.msh")
+    config = case("deap100", mesh__file=str(tmp_path / "m.msh")).config
+    with gmsh_model(config) as session:
+        cells = cells_of(session.model)
+    assert {k: len(v) for k, v in cells.items()} == counts
+
+
+def test_mesh_without_a_name_is_refused(tmp_path):
+    write(case("deap100", geometry__air_height="0 mm").config, tmp_path / "m.msh")
+    config = case("deap100", mesh__file=str(tmp_path / "m.msh")).config
+    with (
+        pytest.raises(ConfigError, match="no physical group named air, axis_air"),
+        gmsh_model(config),
+    ):
+        pass
+
+
+def test_mesh_of_another_size_is_refused(tmp_path):
+    write(case("deap100").config, tmp_path / "m.msh")
+    config = case(
+        "deap100", mesh__file=str(tmp_path / "m.msh"), geometry__outer_radius="13 mm"
+    ).config
+    with (
+        pytest.raises(ConfigError, match=r"film spans R = 8\.35\.\.12\.35"),
+        gmsh_model(config),
+    ):
+        pass
+
+
+def test_gmsh_is_closed_after_an_error(tmp_path):
+    (tmp_path / "m.msh").write_text("no mesh")
+    config = case("deap100", mesh__file=str(tmp_path / "m.msh")).config
+    with pytest.raises(ConfigError, match="Gmsh cannot read it"), gmsh_model(config):
+        pass
+    assert not gmsh.isInitialized()

@@ -1,0 +1,185 @@
+"""The run directory: everything is there, readable without dolfinx, and true."""
+
+import subprocess
+import sys
+
+from mpi4py import MPI
+
+import h5py
+import numpy as np
+import pytest
+from conftest import CONFIGS, case
+
+import dealib
+from dealib.errors import ConfigError
+from dealib.fem.layout import Layout
+from dealib.fem.problem import build_problem
+from dealib.results import store
+
+FIRST = [
+    *("step", "time_s", "stage", "displacement_mm", "force_N", "voltage_kV", "charge_uC"),
+    *("capacitance_pF", "elastic_energy_mJ", "electric_energy_mJ", "field_max_MV_per_m"),
+    *("thickness_stretch_min", "newton_iterations"),
+]
+FIELDS = {
+    "u": 3,
+    "phi": 1,
+    "E": 3,
+    "D": 3,
+    "cauchy_stress": 9,
+    "second_pk_stress": 9,
+    "maxwell_stress": 9,
+    "J": 1,
+}
+
+
+def test_run_directory(strip_run):
+    found = {p.name for p in strip_run.directory.iterdir()}
+    wanted = "config.yaml config.resolved.yaml run.json mesh.msh history.csv results.h5 fields.xdmf"
+    assert set(wanted.split()) <= found
+    assert list(strip_run.history.columns[: len(FIRST)]) == FIRST
+    assert strip_run.info["status"] == "done"
+    phases = {"import", "mesh", "forms", "assembly", "factorisation", "solve", "output", "total"}
+    assert phases <= set(strip_run.info["timings"])
+    given = (CONFIGS / "benchmark_strip.yaml").read_text()
+    assert (strip_run.directory / "config.yaml").read_text() == given
+    assert dealib.load(strip_run.directory / "config.resolved.yaml").config == strip_run.config
+
+
+def test_results_file_stands_alone(strip_run, tmp_path):
+    copy = tmp_path / "alone.h5"
+    copy.write_bytes((strip_run.directory / store.STATES).read_bytes())
+    with h5py.File(copy, "r") as file:
+        assert len(file["states"]) == len(strip_run.history)
+        force = file["history/force_N"][:]
+        assert file["versions/dolfinx"][()].decode()
+        assert "benchmark_strip" in file["config"][()].decode()
+        assert file["states/00017"].shape[1] == 3
+    assert force == pytest.approx(strip_run.history["force_N"].to_numpy(), rel=1e-15)
+
+
+def test_xdmf_in_pyvista(strip_run):
+    import pyvista as pv
+
+    reader = pv.get_reader(strip_run.directory / store.FIELDS)
+    assert reader.time_values == pytest.approx(strip_run.history["time_s"].tolist())
+    reader.set_active_time_value(reader.time_values[-1])
+    grid = reader.read()
+    assert set(grid.celltypes) == {pv.CellType.BIQUADRATIC_QUAD}
+    inner = np.isclose(grid.points[:, 0], 8.35)
+    assert grid.point_data["u"][inner, 1] == pytest.approx(-3, abs=1e-6)
+    assert grid.point_data["u"][inner, 0] == pytest.approx(0, abs=1e-6)
+    assert grid.point_data["phi"].max() == pytest.approx(2.5, abs=1e-6)
+    assert grid.point_data["phi"].min() == pytest.approx(0, abs=1e-9)
+    for name, size in FIELDS.items():
+        values = np.asarray(grid.point_data[name])
+        assert values.reshape(len(grid.points), -1).shape[1] == size, name
+        assert np.isfinite(values).all()
+
+
+def test_fields_of_the_reader_agree_with_the_file(strip_run):
+    import pyvista as pv
+
+    grid = strip_run.fields(-1)
+    reader = pv.get_reader(strip_run.directory / store.FIELDS)
+    reader.set_active_time_value(reader.time_values[-1])
+    other = reader.read()
+    for name in FIELDS:
+        a, b = np.asarray(grid.point_data[name]), np.asarray(other.point_data[name])
+        assert a.ravel() == pytest.approx(b.ravel(), rel=1e-5, abs=1e-6 * np.abs(a).max())
+
+
+def test_stress_jumps_at_the_faces(strip_run):
+    """Film and electrode keep their own stress where they touch, and both are right."""
+    mesh, fields = strip_run.mesh, strip_run.arrays(0)  # mounted, at rest
+    film = np.unique(mesh.cells[mesh.in_region("film")])
+    top = np.unique(mesh.cells[mesh.in_region("top_electrode")])
+    assert not set(film) & set(top)
+    on_face = np.abs(mesh.points[:, 1] - 0.015) < 1e-9
+    film, top = film[on_face[film]], top[on_face[top]]
+    assert len(film) == len(top) == 121
+    S = fields["second_pk_stress"]
+    # equal-biaxial pre-stretch 1.15 of a slightly compressible neo-Hookean film (closed form)
+    G, kappa, l, lz = 0.334, 16.67, 1.15, strip_run_thickness()
+    J = l * l * lz
+    deviator = G * J ** (-5 / 3)
+    I1 = 2 * l * l + lz * lz
+    sigma = deviator * (l * l - I1 / 3) + kappa * (J - 1)
+    assert S[film, 0, 0] == pytest.approx(sigma, rel=1e-9)
+    assert S[film, 2, 2] == pytest.approx(sigma, rel=1e-9)
+    assert S[film, 1, 1] == pytest.approx(0, abs=1e-9)
+    assert S[top] == pytest.approx(0, abs=1e-9)
+
+
+def strip_run_thickness():
+    from dealib.materials import thickness_stretch
+
+    return thickness_stretch(case("benchmark_strip").config.materials.film, 1.15, 1.15)
+
+
+def test_field_in_the_film(strip_run):
+    """Nearly uniform: V over the deformed thickness, from top to bottom; none in electrodes."""
+    mesh, fields = strip_run.mesh, strip_run.arrays(-1)
+    film = np.unique(mesh.cells[mesh.in_region("film")])
+    top = np.unique(mesh.cells[mesh.in_region("top_electrode")])
+    E = np.linalg.norm(fields["E"], axis=1)
+    assert E[top] == pytest.approx(0)
+    middle = film[np.abs(mesh.points[film, 0] - 10.35) < 0.5]
+    assert 80 < E[middle].min() < E[middle].max() < 160  # MV/m
+    eps = 8.8541878128e-6 * 3
+    assert fields["D"][film] == pytest.approx(eps * fields["E"][film])
+    centre = mesh.cells[mesh.in_region("film"), 8]  # of one cell each: not averaged
+    trace = np.trace(fields["maxwell_stress"][centre], axis1=1, axis2=2)
+    assert trace == pytest.approx(-eps * E[centre] ** 2 / 2, rel=1e-9)
+
+
+def test_layout_scatter_is_the_inverse_of_gather():
+    problem = build_problem(case("benchmark_strip_air", mesh__columns=16).config, MPI.COMM_SELF)
+    layout = Layout.of(problem.device, problem.spaces)
+    w = problem.spaces.w
+    w.x.array[:] = np.random.default_rng(0).standard_normal(len(w.x.array))
+    before = w.x.array.copy()
+    nodal = layout.gather()
+    w.x.array[:] = 0
+    layout.scatter(nodal)
+    assert np.array_equal(w.x.array, before)
+
+
+def test_reading_needs_no_dolfinx(strip_run):
+    code = (
+        "import sys, dealib; r = dealib.open(sys.argv[1]); g = r.fields(-1); r.history;"
+        "assert g.n_points and 'dolfinx' not in sys.modules and 'petsc4py' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code, strip_run.directory], check=True)
+
+
+def test_missing_step_and_missing_run(strip_run, tmp_path):
+    with pytest.raises(ConfigError, match="18 stored steps, no number 99"):
+        strip_run.state(99)
+    with pytest.raises(ConfigError, match=r"no run here \(there is no run\.json\)"):
+        dealib.open(tmp_path)
+
+
+@pytest.mark.parametrize(("wanted", "stored"), [("stage", [0, 2, 3]), ("none", [])])
+def test_fields_are_stored_as_asked(tmp_path, wanted, stored):
+    small = case(
+        "benchmark_strip",
+        mesh__columns=8,
+        output__fields=wanted,
+        program="[{stage: push, mount: {displacement: -0.2 mm}, steps: 2},"
+        " {stage: hold, steps: 1}]",
+    )
+    run = dealib.simulate(small, tmp_path / "run")
+    assert run.stored_steps == stored
+    assert (run.directory / store.FIELDS).exists() is bool(stored)
+
+
+def test_an_existing_directory_is_kept(strip_run, tmp_path):
+    before = (strip_run.directory / "history.csv").read_bytes()
+    with pytest.raises(ConfigError, match="exists and is not empty"):
+        dealib.simulate(case("benchmark_strip"), strip_run.directory)
+    (tmp_path / "precious.txt").write_text("mine")
+    with pytest.raises(ConfigError, match="no run directory of dealib"):
+        dealib.simulate(case("benchmark_strip"), tmp_path, overwrite=True)
+    assert (tmp_path / "precious.txt").read_text() == "mine"
+    assert (strip_run.directory / "history.csv").read_bytes() == before
