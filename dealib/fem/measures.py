@@ -18,6 +18,7 @@ from dealib.fem.layout import Layout
 from dealib.fem.newton import Newton
 from dealib.geometry import names
 from dealib.results import local
+from dealib.results.elements import inverse
 
 
 @dataclass
@@ -103,8 +104,8 @@ def field_max_MV_per_m(s: Snapshot) -> float:
 
 def thickness_stretch_min(s: Snapshot) -> float:
     """Smallest ratio of the film's thickness to the unstretched one: 1 / |F^-T n|."""
-    inverse = np.linalg.inv(s.film_total)[..., 1, :]  # row Z of F^-1 is F^-T e_Z
-    return float(1 / np.sqrt(s.largest(np.einsum("...i,...i", inverse, inverse))))
+    rows = inverse(s.film_total)[..., 1, :]  # row Z of F^-1 is F^-T e_Z
+    return float(1 / np.sqrt(s.largest(np.einsum("...i,...i", rows, rows))))
 
 
 def newton_iterations(s: Snapshot) -> int:

@@ -13,7 +13,7 @@ import numpy as np
 
 from dealib.config.schema import Config
 from dealib.materials import Invariants, Law, thickness_stretch
-from dealib.results.elements import Array, Cell, gradients
+from dealib.results.elements import Array, Cell, gradients, inverse
 from dealib.units import EPSILON_0
 
 
@@ -45,12 +45,12 @@ def kinematics(cell: Cell, corners: Array, points: Array, u: Array, phi: Array) 
     N, _ = cell.shape(points)
     position, dN = gradients(cell, corners, points)
     F = np.zeros((*position.shape[:2], 3, 3))
-    F[..., :2, :2] = np.einsum("cpnj,cni->cpij", dN, u) + np.eye(2)
-    F[..., 2, 2] = 1 + np.einsum("pn,cn->cp", N, u[..., 0]) / position[..., 0]
+    F[..., :2, :2] = np.swapaxes(u, 1, 2)[:, None] @ dN + np.eye(2)
+    F[..., 2, 2] = 1 + u[..., 0] @ N.T / position[..., 0]
     J = np.linalg.det(F)
     E = np.zeros((*position.shape[:2], 3))
-    E[..., :2] = -np.einsum("cpnj,cn->cpj", dN, phi)
-    e = np.einsum("cpji,cpj->cpi", np.linalg.inv(F), E)  # F^-T E
+    E[..., :2] = -(phi[:, None, None] @ dN)[..., 0, :]
+    e = (E[..., None, :] @ inverse(F))[..., 0, :]  # F^-T E
     return Kinematics(F, J, e)
 
 
@@ -70,14 +70,14 @@ def second_pk(law: Law, F: Array, prestretch: Array | None = None) -> Array:
     second = (trace**2 - np.einsum("...ij,...ij", C, C)) / 2
     i = Invariants(J ** (-2 / 3) * trace, J ** (-4 / 3) * second, J)
     d = _derivatives(law, i)
-    inverse, one = np.linalg.inv(C), np.eye(3)
+    C_inverse, one = inverse(C), np.eye(3)
 
     def times(a: Array, T: Array) -> Array:
         return np.asarray(a[..., None, None] * T)
 
-    S = 2 * times(d.I1 * J ** (-2 / 3), one - times(trace / 3, inverse))
-    S += 2 * times(d.I2 * J ** (-4 / 3), times(trace, one) - C - times(2 / 3 * second, inverse))
-    S += times(d.J * J, inverse)
+    S = 2 * times(d.I1 * J ** (-2 / 3), one - times(trace / 3, C_inverse))
+    S += 2 * times(d.I2 * J ** (-4 / 3), times(trace, one) - C - times(2 / 3 * second, C_inverse))
+    S += times(d.J * J, C_inverse)
     return np.asarray(P @ S @ P / np.linalg.det(P))
 
 
