@@ -175,8 +175,8 @@ class Solver(Section):
         6, ge=1, description="increments grow back while a step needs at most this many"
     )
     max_cuts: int = Field(10, ge=0, description="halvings of an increment before giving up")
-    predictor: Literal["none", "secant"] = Field(
-        "secant", description="where Newton starts: the last state, or its extrapolation"
+    predictor_order: int = Field(
+        3, ge=0, le=4, description="highest order of the extrapolation; 0: from the last state"
     )
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 from dealib.config.schema import Solver
 from dealib.errors import NotConverged
 from dealib.fem.newton import Newton
+from dealib.program.predictor import Predictor
 
 
 class Increments:
@@ -15,16 +17,17 @@ class Increments:
     Attributes:
         newton: The solver; its `system.q` is the state.
         settings: Targets and limits.
+        predictor: Where Newton starts; it lasts over the stages.
     """
 
-    def __init__(self, newton: Newton, settings: Solver) -> None:
-        self.newton, self.settings = newton, settings
+    def __init__(self, newton: Newton, settings: Solver, predictor: Predictor) -> None:
+        self.newton, self.settings, self.predictor = newton, settings, predictor
 
     def run(
         self,
         targets: list[float],
         corners: set[float],
-        apply: Callable[[float], None],
+        apply: Callable[[float], tuple[Any, ...]],
         explain: Callable[[float], str],
     ) -> Iterator[float]:
         """Solve up to each target in turn.
@@ -32,7 +35,7 @@ class Increments:
         Args:
             targets: Times at which a state is wanted, ascending, starting after 0.
             corners: Those at which an input changes direction: no extrapolation across them.
-            apply: Sets the inputs of a time.
+            apply: Sets the inputs of a time and names them, for the predictor's memory.
             explain: Message for a failure on the way to a time.
 
         Yields:
@@ -45,16 +48,16 @@ class Increments:
         q = self.newton.system.q
         now, size = 0.0, float("inf")
         smallest = 0.5**self.settings.max_cuts * targets[0]
-        before: tuple[float, object] | None = None  # an earlier converged time and state
+        self.predictor.start()
         kept = q.copy()
         for target in targets:
             while now < target:
                 left = target - now
                 step = left if size > 0.75 * left else size
                 then = target if step == left else now + step
-                apply(then)
+                inputs = apply(then)
                 try:
-                    self._solve(kept, before, now, then)
+                    self._solve(kept, then, inputs)
                 except NotConverged as error:
                     kept.copy(q)
                     apply(now)
@@ -62,27 +65,23 @@ class Increments:
                     if size < smallest:
                         raise NotConverged(f"{explain(then)} ({error})") from None
                     continue
-                before = (now, kept)
+                self.predictor.add(then, inputs, q)
                 kept, now = q.copy(), then
                 if self.newton.iterations <= self.settings.target_iterations:
                     size = 2 * step if step < left else max(size, 2 * step)
                 yield now
                 if now in corners:
-                    before = None
+                    self.predictor.corner()
 
-    def _solve(
-        self, kept: object, before: tuple[float, object] | None, now: float, then: float
-    ) -> None:
-        """From an extrapolation if there is one, else (or if that fails) from the last state."""
+    def _solve(self, kept: Any, then: float, inputs: tuple[Any, ...]) -> None:
+        """From a prediction if there is one, else (or if that fails) from the last state."""
         q = self.newton.system.q
-        if before is not None and self.settings.predictor == "secant":
-            earlier, state = before
-            ratio = (then - now) / (now - earlier)
-            if ratio <= 2:
-                q.axpby(-ratio, 1 + ratio, state)
-                try:
-                    self.newton.solve()
-                    return
-                except NotConverged:
-                    kept.copy(q)  # type: ignore[attr-defined]
+        guess = self.predictor.predict(then, inputs)
+        if guess is not None:
+            guess.copy(q)
+            try:
+                self.newton.solve()
+                return
+            except NotConverged:
+                kept.copy(q)
         self.newton.solve()

@@ -19,6 +19,7 @@ from dealib.fem.problem import build_problem
 from dealib.fem.system import Timings
 from dealib.program.increments import Increments
 from dealib.program.inputs import REST, milestones, mount_drive, terminal_drive
+from dealib.program.predictor import Predictor
 from dealib.program.work import Work
 
 
@@ -66,6 +67,7 @@ class Simulation:
         self.steps_planned = _steps_planned(case.config.program)
         self._drives = dict(REST)
         self._work = Work()
+        self._predictor = Predictor(case.config.solver.predictor_order)
         self._step, self._time = 0, 0.0
 
     @property
@@ -90,11 +92,12 @@ class Simulation:
     def _prestrain(self, stage: Stage) -> State:
         """Ramp the pre-stretch with the ports at rest; the clock starts when it is reached."""
 
-        def apply(fraction: float) -> None:
+        def apply(fraction: float) -> tuple[Any, ...]:
             self.problem.set_prestretch(fraction)
+            return ("prestretch", fraction)
 
         apply(0.0)
-        increments = Increments(self.newton, self.case.config.solver)
+        increments = Increments(self.newton, self.case.config.solver, self._predictor)
         targets = [k / stage.steps for k in range(1, stage.steps + 1)]
         for _ in increments.run(targets, {1.0}, apply, lambda at: self._failure(stage, at)):
             pass
@@ -112,11 +115,12 @@ class Simulation:
         targets, corners = milestones(stage, list(drives.values()))
         start = self._time
 
-        def apply(at: float) -> None:
+        def apply(at: float) -> tuple[Any, ...]:
             for port, drive in drives.items():
                 self.newton.system.ports[port] = drive.law(at)
+            return tuple(x for d in drives.values() for x in (d.label, d.at(at)))
 
-        increments = Increments(self.newton, self.case.config.solver)
+        increments = Increments(self.newton, self.case.config.solver, self._predictor)
         for at in increments.run(targets, corners, apply, lambda at: self._failure(stage, at)):
             self._step += 1
             self._time = start + at * stage.duration

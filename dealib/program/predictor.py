@@ -1,0 +1,137 @@
+"""Where Newton starts: along the path so far, or where the path has been before."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+_MEMORY = 64  # states that are remembered for the way back
+_SMOOTH = 0.5  # largest error of a prediction, in steps, on a smooth path
+
+
+@dataclass
+class Known:
+    """A converged state on the path.
+
+    Attributes:
+        at: Time in the stage.
+        inputs: The inputs that led to it.
+        q: The reduced unknowns.
+        smooth: Whether the path came here without a jump: it was where prediction put it.
+    """
+
+    at: float
+    inputs: tuple[Any, ...]
+    q: Any
+    smooth: bool = False
+
+
+@dataclass
+class Predictor:
+    """Extrapolates a smooth path, and remembers it for the way back.
+
+    Between two corners of the input the last states are extrapolated by the polynomial whose order
+    would have been best for the state before. After a
+    corner, inputs that were met just before it are looked up: an elastic body that runs back
+    along a smooth path returns to the states it came through. Newton checks each guess, so memory
+    can save iterations but cannot change a result; a path that jumped (snap-through) is not
+    retraced across its jump.
+
+    Attributes:
+        highest: Highest order of the polynomial; 0 always starts from the last state.
+        path: Known states, oldest first.
+        segment: Number of them since the last corner, which is the first of these.
+        back: Index in `path` of the state that the way back reached; None if not on a way back.
+    """
+
+    highest: int = 3
+    path: list[Known] = field(default_factory=list)
+    segment: int = 0
+    back: int | None = None
+    _returned: bool = False
+    _order: int = 1
+
+    def add(self, at: float, inputs: tuple[Any, ...], q: Any) -> None:
+        """Remember a converged state."""
+        known = Known(at, inputs, q.copy())
+        if self._returned:  # the way back is as smooth as the way there
+            known.smooth = self.path[(self.back or 0) + 1].smooth
+        else:
+            known.smooth = self._judge(at, q)
+        self._returned = False
+        self.path.append(known)
+        self.segment += 1
+        if len(self.path) > _MEMORY:
+            self.path.pop(0)
+            self.back = None if self.back is None else self.back - 1
+
+    def start(self) -> None:
+        """A new stage: its clock starts at the last state, if there is one."""
+        self.corner()
+        if self.path:
+            self.path[-1].at = 0.0
+
+    def corner(self) -> None:
+        """The input changes direction at the last state."""
+        self.segment, self._order = min(1, len(self.path)), 1
+        self.back = len(self.path) - 1 if self.path else None
+
+    def predict(self, at: float, inputs: tuple[Any, ...]) -> Any:
+        """A guess of the state at a time, or None if the last state is as good."""
+        self._returned = False
+        if self.highest == 0 or not self.path:
+            return None
+        return self._recall(inputs) or self._extrapolate(at, self._order)
+
+    def _recall(self, inputs: tuple[Any, ...]) -> Any:
+        """The state met on the way there, if the path back leads to it."""
+        if self.back is None or self.back < 1:
+            return None
+        if not self.path[self.back].smooth or not _equal(self.path[self.back - 1].inputs, inputs):
+            self.back = None
+            return None
+        self.back -= 1
+        self._returned = True
+        return self.path[self.back].q
+
+    def _judge(self, at: float, q: Any) -> bool:
+        """Choose the order that would have predicted a state best; whether it did so well."""
+        if not self.path:
+            return False
+        errors = [_distance(self.path[-1].q, q)]
+        for order in range(1, min(self.highest, self.segment - 1) + 1):
+            guess = self._extrapolate(at, order)
+            errors.append(_distance(guess, q) if guess is not None else math.inf)
+        best = errors.index(min(errors))
+        self._order = max(best, 1) if len(errors) <= 2 else best
+        return best > 0 and errors[best] <= _SMOOTH * errors[0]
+
+    def _extrapolate(self, at: float, order: int) -> Any:
+        n = min(self.segment, order + 1)
+        if n < 2:
+            return None
+        known = self.path[-n:]
+        times = [k.at for k in known]
+        if at - times[-1] > 2 * (times[-1] - times[-2]):
+            return None
+        weights = [
+            math.prod((at - s) / (t - s) for s in times if s != t) for t in times
+        ]  # Lagrange
+        guess = known[0].q.duplicate()
+        guess.set(0.0)
+        guess.maxpy(weights, [k.q for k in known])
+        return guess
+
+
+def _distance(a: Any, b: Any) -> float:
+    difference = a.copy()
+    difference.axpy(-1.0, b)
+    return float(difference.norm())
+
+
+def _equal(a: tuple[Any, ...], b: tuple[Any, ...]) -> bool:
+    return len(a) == len(b) and all(
+        x == y or (isinstance(x, float) and math.isclose(x, y, rel_tol=1e-12, abs_tol=1e-15))
+        for x, y in zip(a, b, strict=True)
+    )

@@ -1,0 +1,84 @@
+"""The predictor: exact on parabolas, a memory on the way back, blind across jumps."""
+
+from petsc4py import PETSc
+
+import numpy as np
+import pytest
+
+from dealib.program.predictor import Predictor
+
+
+def vector(*values):
+    v = PETSc.Vec().createSeq(len(values))
+    v.array[:] = values
+    return v
+
+
+def walk(predictor, path, times):
+    for t in times:
+        predictor.add(t, ("voltage", float(t)), path(t))
+
+
+def parabola(t):
+    return vector(1 + 2 * t + 3 * t**2, -t)
+
+
+def test_parabolas_are_continued_exactly():
+    predictor = Predictor()
+    walk(predictor, parabola, [0.0, 0.1, 0.25, 0.4])
+    guess = predictor.predict(0.6, ("voltage", 0.6))
+    assert guess.array == pytest.approx(parabola(0.6).array)
+
+
+def test_the_secant_is_continued_from_two_states():
+    predictor = Predictor()
+    walk(predictor, lambda t: vector(2 * t), [0.0, 0.5])
+    assert predictor.predict(1.0, ("voltage", 1.0)).array == pytest.approx([2])
+
+
+def test_nothing_is_guessed_from_one_state_or_far_away():
+    predictor = Predictor()
+    walk(predictor, parabola, [0.0])
+    assert predictor.predict(0.1, ("voltage", 0.1)) is None
+    walk(predictor, parabola, [0.1])
+    assert predictor.predict(0.5, ("voltage", 0.5)) is None
+
+
+def test_the_way_back_is_remembered_twice():
+    predictor = Predictor()
+    up = np.linspace(0, 1, 6)
+    walk(predictor, parabola, up)
+    clock = 1.0
+    for ramp in (up[-2::-1], up[1:]):
+        predictor.corner()
+        recalled = 0
+        for k, t in enumerate(ramp, start=1):
+            guess = predictor.predict(clock + k, ("voltage", float(t)))
+            if guess is not None and guess.array == pytest.approx(parabola(t).array, abs=1e-14):
+                recalled += 1
+            predictor.add(clock + k, ("voltage", float(t)), parabola(t))
+        clock += k
+        assert recalled >= 3
+
+
+def test_no_recall_across_a_jump():
+    """A path that snapped must not be led back to its other branch."""
+
+    def snapping(t):
+        return vector(t if t < 0.5 else 10 + t)
+
+    predictor = Predictor()
+    times = [0.0, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0]
+    walk(predictor, snapping, times)
+    predictor.corner()
+    for t in (0.8, 0.6, 0.4):
+        guess = predictor.predict(2 - t, ("voltage", t))
+        assert guess is None or guess.array[0] > 5
+        predictor.add(2 - t, ("voltage", t), vector(10 + t))
+
+
+def test_other_inputs_are_not_recalled():
+    predictor = Predictor()
+    walk(predictor, parabola, np.linspace(0, 1, 6))
+    predictor.corner()
+    assert predictor.predict(1.2, ("charge", 0.8)) is None
