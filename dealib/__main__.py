@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-import time
 
-STARTED = time.perf_counter()
+import dealib.cli.clock  # noqa: F401 - starts it
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy loads its BLAS
     os.environ.setdefault(_name, "1")

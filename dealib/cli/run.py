@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 import typer
 
-from dealib.__main__ import STARTED
+from dealib.cli.clock import STARTED
 from dealib.cli.info import summary
 from dealib.cli.progress import LogFile, Progress
 from dealib.config.case import Case

@@ -1,0 +1,5 @@
+"""When the process began, for the timings of a run."""
+
+import time
+
+STARTED = time.perf_counter()
