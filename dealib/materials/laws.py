@@ -13,6 +13,7 @@ from typing import Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from dealib.errors import ValueAt
 from dealib.units import Stress, parse
 
 
@@ -41,7 +42,7 @@ def invariants_of_stretches(l1: Any, l2: Any, l3: Any) -> Invariants:
 class Law(BaseModel):
     """Base of the laws: strain energy density per unstretched volume, in MPa."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     youngs_modulus: Stress | None = Field(
         None,
@@ -80,11 +81,18 @@ class Law(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _thesis_rule(cls, data: Any) -> Any:
-        if not isinstance(data, dict) or data.get("youngs_modulus") is None:
+        if not isinstance(data, dict):
             return data
         given = [name for name in cls.names() if name in data]
+        if data.get("youngs_modulus") is None:
+            needed = [n for n in cls.names() if cls.model_fields[n].is_required()]
+            missing = [n for n in needed if n not in data]
+            if missing and all(key in cls.model_fields for key in data):  # else one is misspelt
+                rest = "" if given else ", or youngs_modulus alone"
+                raise ValueAt(("law",), f"{_name(cls)} needs {' and '.join(missing)}{rest}")
+            return data
         if given:
-            raise ValueError(f"give either youngs_modulus or {', '.join(given)}, not both")
+            raise ValueAt((given[0],), "give either youngs_modulus or the law's own parameters")
         try:
             modulus = parse(data["youngs_modulus"], "stress")
         except ValueError:
@@ -131,7 +139,7 @@ class MooneyRivlin(Law):
     @model_validator(mode="after")
     def _stiff_at_rest(self) -> MooneyRivlin:
         if self.c10 + self.c01 <= 0:
-            raise ValueError("c10 + c01 must be positive: it is half the shear modulus at rest")
+            raise ValueAt(("c01",), "c10 + c01 must be positive: it is half the shear modulus at rest")
         return self
 
 
