@@ -103,7 +103,7 @@ def _quantity(dimension: str) -> Any:
             {
                 "type": "string",
                 "pattern": r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*\S+",
-                "description": f"{dimension} with its unit",
+                "dimension": dimension,
                 "examples": [example],
             }
         ),

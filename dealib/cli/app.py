@@ -59,6 +59,29 @@ def check(config: ConfigFile, set: Set = None) -> None:
 
 
 @app.command()
+def init(
+    template: Annotated[str, typer.Option(help="deap, benchmark or membrane")] = "deap",
+    out: Annotated[Path | None, typer.Option(help="config file; default TEMPLATE.yaml")] = None,
+) -> None:
+    """Write a commented config to start from."""
+    from dealib.cli.schema import write_template
+
+    write_template(template, out)
+
+
+@app.command()
+def schema(
+    out: Annotated[Path | None, typer.Option(help="file; default: print")] = None,
+    reference: Annotated[bool, typer.Option("--reference", help="page of all keys")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the file")] = False,
+) -> None:
+    """Print the JSON schema of configs, for editors, or a page of all keys."""
+    from dealib.cli.schema import write_schema
+
+    write_schema(out, page=reference, overwrite=overwrite)
+
+
+@app.command()
 def mesh(
     config: ConfigFile,
     set: Set = None,

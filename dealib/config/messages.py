@@ -113,7 +113,9 @@ def _shown(given: Any) -> str:
 
 def _words(listing: str) -> list[str]:
     """The words of pydantic's "'a', 'b' or 'c'"."""
-    return [w.strip(" '") for w in listing.replace("' or '", "', '").replace(" or ", ",").split(",")]
+    return [
+        w.strip(" '") for w in listing.replace("' or '", "', '").replace(" or ", ",").split(",")
+    ]
 
 
 def _in_file(item: Mapping[str, Any], tree: Any) -> Loc:

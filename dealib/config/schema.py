@@ -54,8 +54,7 @@ class Geometry(Section):
         if self.outer_radius <= self.inner_radius:
             raise ValueAt(
                 ("outer_radius",),
-                f"{self.outer_radius:g} mm must exceed "
-                f"inner_radius ({self.inner_radius:g} mm)",
+                f"{self.outer_radius:g} mm must exceed inner_radius ({self.inner_radius:g} mm)",
             )
         solid = self.half_thickness
         if self.clamps is not None:
@@ -75,8 +74,7 @@ class Geometry(Section):
         if 0 < self.air_height <= solid:
             raise ValueAt(
                 ("air_height",),
-                f"{self.air_height:g} mm must exceed the solid below it "
-                f"({solid:g} mm), or be 0 mm",
+                f"{self.air_height:g} mm must exceed the solid below it ({solid:g} mm), or be 0 mm",
             )
         return self
 
@@ -117,9 +115,10 @@ class FilmProperties(Section):
     """What the film has besides its law."""
 
     relative_permittivity: float = Field(gt=0, description="of the ideal dielectric film")
-    prestretch: Annotated[tuple[Stretch, Stretch], BeforeValidator(_pair, json_schema_input_type=Stretch | tuple[Stretch, Stretch])] = Field(
-        (1.0, 1.0), description="in-plane pre-stretch: equal-biaxial, or [radial, hoop]"
-    )
+    prestretch: Annotated[
+        tuple[Stretch, Stretch],
+        BeforeValidator(_pair, json_schema_input_type=Stretch | tuple[Stretch, Stretch]),
+    ] = Field((1.0, 1.0), description="in-plane pre-stretch: equal-biaxial, or [radial, hoop]")
 
 
 def _choice(bases: tuple[type, ...], suffix: str) -> Any:
@@ -229,7 +228,6 @@ class _Port(Section):
         if not given:
             raise ValueError(f"give one of {', '.join(names)}")
         return self
-
 
     @property
     def polyline(self) -> tuple[tuple[str, ...], tuple[float, ...]]:

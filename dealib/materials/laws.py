@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic_core import CoreSchema
 
 from dealib.errors import ValueAt
 from dealib.units import Stress, parse
@@ -72,6 +73,16 @@ class Law(BaseModel):
             i: Invariants of the elastic deformation.
             p: The parameters, as attributes of the law's names, in MPa.
         """
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: Any) -> dict[str, Any]:
+        """In the JSON schema too, Young's modulus alone stands for the law's parameters."""
+        schema: dict[str, Any] = handler.resolve_ref_schema(handler(core))
+        own = [n for n in schema.get("required", ()) if n in cls.names()] if cls is not Law else []
+        if own:
+            schema["required"] = [n for n in schema["required"] if n not in own]
+            schema["oneOf"] = [{"required": ["youngs_modulus"]}, {"required": own}]
+        return schema
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -139,7 +150,9 @@ class MooneyRivlin(Law):
     @model_validator(mode="after")
     def _stiff_at_rest(self) -> MooneyRivlin:
         if self.c10 + self.c01 <= 0:
-            raise ValueAt(("c01",), "c10 + c01 must be positive: it is half the shear modulus at rest")
+            raise ValueAt(
+                ("c01",), "c10 + c01 must be positive: it is half the shear modulus at rest"
+            )
         return self
 
 
