@@ -108,7 +108,9 @@ def _shown(given: Any) -> str:
         return str(given).lower()
     if isinstance(given, (str, int, float)):
         return repr(given)
-    return {dict: "a mapping", list: "a list"}.get(type(given), f"a {type(given).__name__}")
+    if isinstance(given, (dict, list)):
+        return "a mapping" if isinstance(given, dict) else "a list"
+    return f"a {type(given).__name__}"
 
 
 def _words(listing: str) -> list[str]:
@@ -144,7 +146,7 @@ def _models_at(model: type[BaseModel] | None, loc: Iterable[int | str]) -> list[
     """The models that may stand at a location of the schema."""
     kinds = [] if model is None else [model]
     for part in loc:
-        fields = [m.model_fields[part] for m in kinds if part in m.model_fields]  # type: ignore[index]
+        fields = [m.model_fields[part] for m in kinds if part in m.model_fields]
         if fields:
             kinds = [m for f in fields for m in _models_in(f.annotation)]
         elif isinstance(part, str):  # the tag of a union, or a key of a free mapping
