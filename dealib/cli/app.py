@@ -16,8 +16,8 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file")]
-RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="run directory")]
+ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file", readable=False)]
+RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="run directory", readable=False)]
 Set = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="override a key, such as mesh.columns=80"),

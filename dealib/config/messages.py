@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, TypeVar, get_args
+from typing import Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -49,11 +49,25 @@ def validate(model: type[Model], source: Source) -> Model:
         return model.model_validate(tree)
     except ValidationError as error:
         found: dict[str, None] = {}
+        misspelt = [item for item in error.errors() if item["type"] == "extra_forbidden"]
         for item in error.errors():
+            if item["type"] == "missing" and any(_meant(m, item["loc"], model) for m in misspelt):
+                continue  # it is there under a misspelt name
             where = _in_file(item, tree)
-            at = "key" if item["type"] == "extra_forbidden" else "value"
-            found[source.message(where, problem(item, model), at)] = None  # type: ignore[arg-type]
+            at: Literal["key", "value"] = "key" if item["type"] == "extra_forbidden" else "value"
+            said = problem({**item, "input": _given(tree, where, item)}, model)
+            found[source.message(where, said, at)] = None
         raise ConfigError("\n".join(found)) from None
+
+
+def _given(tree: Any, where: Loc, item: Mapping[str, Any]) -> Any:
+    """What the file says at a place, where pydantic may have seen it converted."""
+    try:
+        for part in where:
+            tree = tree[part]
+    except (KeyError, IndexError, TypeError):
+        return item.get("input")
+    return tree
 
 
 def plain(node: Any) -> Any:
@@ -72,9 +86,7 @@ def problem(item: Mapping[str, Any], model: type[BaseModel] | None = None) -> st
     """
     kind, given, ctx = item["type"], item.get("input"), item.get("ctx", {})
     if kind == "extra_forbidden":
-        key = str(item["loc"][-1])
-        known = [n for m in _models_at(model, item["loc"][:-1]) for n in m.model_fields]
-        return f"unknown key{did_you_mean(key, known)}"
+        return f"unknown key{_hint(item, model)}"
     if kind == "missing":
         return f"this key is missing{_meaning(model, item['loc'])}"
     if kind == "union_tag_not_found":
@@ -98,6 +110,18 @@ def problem(item: Mapping[str, Any], model: type[BaseModel] | None = None) -> st
     if expected == "text" and isinstance(given, (int, float)):
         hint = f"; put it in quotes: '{given}'"
     return f"expected {expected}, not {_shown(given)}{hint}"
+
+
+def _hint(item: Mapping[str, Any], model: type[BaseModel] | None) -> str:
+    """What an unknown key may have been meant to be."""
+    known = [n for m in _models_at(model, item["loc"][:-1]) for n in m.model_fields]
+    return did_you_mean(str(item["loc"][-1]), list(dict.fromkeys(known)))
+
+
+def _meant(item: Mapping[str, Any], loc: Loc, model: type[BaseModel]) -> bool:
+    """Whether an unknown key is a missing one of the same section, misspelt."""
+    same = item["loc"][:-1] == loc[:-1]
+    return same and _hint(item, model) == f"; did you mean {loc[-1]!r}?"
 
 
 def _shown(given: Any) -> str:

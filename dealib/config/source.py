@@ -54,19 +54,17 @@ class Source:
         if not isinstance(self.tree, CommentedMap):
             kind = "a list" if isinstance(self.tree, CommentedSeq) else "plain text"
             raise ConfigError(self._at(0, 0, f"expected keys such as 'geometry:', not {kind}"))
-        self._refuse_tags(self.tree, (), ())
+        self._refuse_tags(self.tree, ())
 
-    def _refuse_tags(self, node: Any, where: Path_, above: tuple[int, ...]) -> None:
-        """Tags such as '!x', and aliases to what they stand in, have no meaning here."""
+    def _refuse_tags(self, node: Any, where: Path_) -> None:
+        """Tags such as '!x' have no meaning here."""
         tag = getattr(getattr(node, "tag", None), "value", None)
         if tag is not None:
             raise ConfigError(self.message(where, f"unknown tag {tag!r}; write the value alone"))
         if not isinstance(node, (CommentedMap, CommentedSeq)):
             return
-        if id(node) in above:
-            raise ConfigError(self.message(where, "this alias stands inside what it refers to"))
         for key in node if isinstance(node, CommentedMap) else range(len(node)):
-            self._refuse_tags(node[key], (*where, key), (*above, id(node)))
+            self._refuse_tags(node[key], (*where, key))
 
     def override(self, assignment: str) -> None:
         """Apply one `key.sub.0.key=value`; the value is read as YAML.
@@ -152,6 +150,7 @@ _YAML_PROBLEMS = {  # what the parser says -> what a user can do about it
     r"character '(.)' that cannot start": "text that starts with '{0}' needs quotes",
     r"mapping values are not allowed": "a ':' in the wrong place; check the indentation, or put "
     "the text in quotes",
+    r"expected the node content": "a value is missing before this",
     r"expected <block end>": "this line's indentation fits none of the lines above",
     r"expected ',' or '([]}])'": "a ',' or the closing '{0}' is missing before this",
     r"unexpected end of stream": "a closing quote is missing",
