@@ -149,7 +149,7 @@ else:
 class Materials(Section):
     """Materials by region."""
 
-    film: FilmMaterial
+    film: FilmMaterial = Field(description="law and dielectric properties of the film")
     electrode: ElectrodeMaterial | None = Field(
         None, description="of both electrodes; needed if electrode_thickness is above zero"
     )

@@ -81,7 +81,11 @@ class Law(BaseModel):
         own = [n for n in schema.get("required", ()) if n in cls.names()] if cls is not Law else []
         if own:
             schema["required"] = [n for n in schema["required"] if n not in own]
-            schema["oneOf"] = [{"required": ["youngs_modulus"]}, {"required": own}]
+            of_law = [{"required": [n]} for n in cls.names()]
+            schema["oneOf"] = [
+                {"required": ["youngs_modulus"], "not": {"anyOf": of_law}},
+                {"required": own, "not": {"required": ["youngs_modulus"]}},
+            ]
         return schema
 
     @property
