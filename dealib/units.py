@@ -88,6 +88,27 @@ def _factor(given: str, unit: str, wanted: str) -> float:
         raise ValueError(f"{wanted}; '{given}' is not a unit of that kind") from None
 
 
+def factor(given: str, unit: str) -> float:
+    """Factor from one unit to another.
+
+    Raises:
+        ValueError: If one is no unit, or their dimensions differ.
+    """
+    return _factor(given, unit, f"expected a unit such as '{unit}'")
+
+
+def split(text: object) -> tuple[float, str]:
+    """Number and unit of a quantity of any dimension; no unit is an empty text.
+
+    Raises:
+        ValueError: If it does not start with a number.
+    """
+    number = _NUMBER.match(str(text))
+    if isinstance(text, bool) or number is None:
+        raise ValueError(f"expected a number, with its unit if it has one, not {text!r}")
+    return float(number.group()), str(text)[number.end() :].strip()
+
+
 def write(value: float, dimension: str) -> str:
     """Inverse of `parse`: a text that reads back as the same float."""
     return f"{value!r} {DIMENSIONS[dimension][0]}"

@@ -104,3 +104,32 @@ def info(run: RunDirectory) -> None:
     from dealib.results.reader import Run
 
     typer.echo(describe(Run(run)))
+
+
+@app.command()
+def compare(
+    run: RunDirectory,
+    data: Annotated[Path, typer.Argument(metavar="DATA", help="CSV, headers such as force [mN]")],
+    stage: Annotated[str | None, typer.Option(help="compare with this stage only")] = None,
+    out: Annotated[Path | None, typer.Option(help="picture: PNG, SVG or PDF")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the picture")] = False,
+) -> None:
+    """Compare a run with measured curves: RMSE, R2 and a picture."""
+    from dealib.cli.compare import compare_run
+    from dealib.results.reader import Run
+
+    compare_run(Run(run), data, stage, out, overwrite)
+
+
+@app.command()
+def calibrate(
+    fit: Annotated[Path, typer.Argument(metavar="FIT", help="YAML file", readable=False)],
+    out: Annotated[Path | None, typer.Option(help="directory; default the fit's")] = None,
+    jobs: Annotated[int | None, typer.Option("-j", "--jobs", min=1, help="processes")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="use the cases solved before")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier fit")] = False,
+) -> None:
+    """Fit parameters of a config to measured curves."""
+    from dealib.cli.calibrate import run_fit
+
+    run_fit(fit, out, jobs, resume=resume, overwrite=overwrite)
