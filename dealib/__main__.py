@@ -24,9 +24,9 @@ def main() -> None:
     from dealib.errors import DealibError
 
     try:
-        from dealib.cli.app import app
-
-        app()
+        code = _command()
+        if code == 130:  # typer swallows Ctrl-C
+            raise KeyboardInterrupt
     except DealibError as error:
         if _rank() == 0:
             print(f"dealib: {error}", file=sys.stderr)
@@ -52,9 +52,20 @@ def main() -> None:
             traceback.print_exc()
             _abort_all_ranks(1)
         raise
-    else:
-        code = 0
     sys.exit(code)
+
+
+def _command() -> int:
+    """Run the command that the arguments name; returns typer's exit code."""
+    from dealib.cli.app import app
+    from dealib.cli.usage import UsageError, explain
+    from dealib.errors import ConfigError
+
+    arguments = sys.argv[1:] or ["--help"]
+    try:
+        return int(app(arguments, prog_name="dealib", standalone_mode=False) or 0)
+    except UsageError as error:
+        raise ConfigError(explain(error)) from None
 
 
 def _ranks() -> int:

@@ -15,6 +15,19 @@ class ConfigError(DealibError):
     exit_code = 2
 
 
+class ValueAt(ValueError):
+    """A check of a whole section that failed because of one of its keys.
+
+    Args:
+        where: Path of the most telling key, from the section.
+        message: What is wrong.
+    """
+
+    def __init__(self, where: tuple[str | int, ...], message: str) -> None:
+        super().__init__(message)
+        self.where = where
+
+
 class NotConverged(DealibError):
     """A step did not converge even at the smallest increment; what converged is kept."""
 

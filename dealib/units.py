@@ -7,6 +7,7 @@ kV/mm = MV/m.
 from __future__ import annotations
 
 import functools
+import math
 import re
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
@@ -55,16 +56,21 @@ def parse(text: object, dimension: str) -> float:
         ValueError: If there is no unit, or one of another dimension.
     """
     unit, example = DIMENSIONS[dimension]
-    wanted = f"expected a {dimension} with its unit, such as '{example}'"
+    article = "an" if dimension[0] in "aeiou" else "a"
+    wanted = f"expected {article} {dimension} with its unit, such as '{example}'"
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
-        raise ValueError(f"{wanted}, not {type(text).__name__}")
+        kinds = {type(None): "nothing", dict: "a mapping", list: "a list", bool: str(text).lower()}
+        raise ValueError(f"{wanted}, not {kinds.get(type(text), type(text).__name__)}")
     number = _NUMBER.match(str(text))
     if number is None:
         raise ValueError(f"{wanted}; {str(text)!r} does not start with a number")
     given = str(text)[number.end() :].strip()
     if not given:
         raise ValueError(f"{wanted}; {str(text).strip()!r} has no unit")
-    return float(number.group()) * _factor(given, unit, wanted)
+    value = float(number.group()) * _factor(given, unit, wanted)
+    if not math.isfinite(value):
+        raise ValueError(f"{wanted}; {str(text).strip()!r} is too large")
+    return value
 
 
 @functools.cache
@@ -82,6 +88,27 @@ def _factor(given: str, unit: str, wanted: str) -> float:
         raise ValueError(f"{wanted}; '{given}' is not a unit of that kind") from None
 
 
+def factor(given: str, unit: str) -> float:
+    """Factor from one unit to another.
+
+    Raises:
+        ValueError: If one is no unit, or their dimensions differ.
+    """
+    return _factor(given, unit, f"expected a unit such as '{unit}'")
+
+
+def split(text: object) -> tuple[float, str]:
+    """Number and unit of a quantity of any dimension; no unit is an empty text.
+
+    Raises:
+        ValueError: If it does not start with a number.
+    """
+    number = _NUMBER.match(str(text))
+    if isinstance(text, bool) or number is None:
+        raise ValueError(f"expected a number, with its unit if it has one, not {text!r}")
+    return float(number.group()), str(text)[number.end() :].strip()
+
+
 def write(value: float, dimension: str) -> str:
     """Inverse of `parse`: a text that reads back as the same float."""
     return f"{value!r} {DIMENSIONS[dimension][0]}"
@@ -97,7 +124,7 @@ def _quantity(dimension: str) -> Any:
             {
                 "type": "string",
                 "pattern": r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*\S+",
-                "description": f"{dimension} with its unit",
+                "dimension": dimension,
                 "examples": [example],
             }
         ),

@@ -16,8 +16,8 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
-ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file")]
-RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="run directory")]
+ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file", readable=False)]
+RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="run directory", readable=False)]
 Set = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="override a key, such as mesh.columns=80"),
@@ -59,6 +59,29 @@ def check(config: ConfigFile, set: Set = None) -> None:
 
 
 @app.command()
+def init(
+    template: Annotated[str, typer.Option(help="deap, benchmark or membrane")] = "deap",
+    out: Annotated[Path | None, typer.Option(help="config file; default TEMPLATE.yaml")] = None,
+) -> None:
+    """Write a commented config to start from."""
+    from dealib.cli.schema import write_template
+
+    write_template(template, out)
+
+
+@app.command()
+def schema(
+    out: Annotated[Path | None, typer.Option(help="file; default: print")] = None,
+    reference: Annotated[bool, typer.Option("--reference", help="page of all keys")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the file")] = False,
+) -> None:
+    """Print the JSON schema of configs, for editors, or a page of all keys."""
+    from dealib.cli.schema import write_schema
+
+    write_schema(out, page=reference, overwrite=overwrite)
+
+
+@app.command()
 def mesh(
     config: ConfigFile,
     set: Set = None,
@@ -81,3 +104,32 @@ def info(run: RunDirectory) -> None:
     from dealib.results.reader import Run
 
     typer.echo(describe(Run(run)))
+
+
+@app.command()
+def compare(
+    run: RunDirectory,
+    data: Annotated[Path, typer.Argument(metavar="DATA", help="CSV, headers such as force [mN]")],
+    stage: Annotated[str | None, typer.Option(help="compare with this stage only")] = None,
+    out: Annotated[Path | None, typer.Option(help="picture: PNG, SVG or PDF")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the picture")] = False,
+) -> None:
+    """Compare a run with measured curves: RMSE, R2 and a picture."""
+    from dealib.cli.compare import compare_run
+    from dealib.results.reader import Run
+
+    compare_run(Run(run), data, stage, out, overwrite)
+
+
+@app.command()
+def calibrate(
+    fit: Annotated[Path, typer.Argument(metavar="FIT", help="YAML file", readable=False)],
+    out: Annotated[Path | None, typer.Option(help="directory; default the fit's")] = None,
+    jobs: Annotated[int | None, typer.Option("-j", "--jobs", min=1, help="processes")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="use the cases solved before")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier fit")] = False,
+) -> None:
+    """Fit parameters of a config to measured curves."""
+    from dealib.cli.calibrate import run_fit
+
+    run_fit(fit, out, jobs, resume=resume, overwrite=overwrite)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
 
+from dealib.errors import ValueAt
 from dealib.materials.laws import LAWS, Law
 from dealib.units import Charge, Force, Length, Mass, Stiffness, Stress, Time, Voltage
 
@@ -14,7 +15,7 @@ from dealib.units import Charge, Force, Length, Mass, Stiffness, Stress, Time, V
 class Section(BaseModel):
     """Base of all sections: unknown keys are errors, values do not change."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 # --- geometry and mesh ---------------------------------------------------------------------------
@@ -51,27 +52,29 @@ class Geometry(Section):
     @model_validator(mode="after")
     def _possible(self) -> Geometry:
         if self.outer_radius <= self.inner_radius:
-            raise ValueError(
-                f"outer_radius ({self.outer_radius:g} mm) must exceed "
-                f"inner_radius ({self.inner_radius:g} mm)"
+            raise ValueAt(
+                ("outer_radius",),
+                f"{self.outer_radius:g} mm must exceed inner_radius ({self.inner_radius:g} mm)",
             )
         solid = self.half_thickness
         if self.clamps is not None:
             if self.clamps.width >= self.inner_radius:
-                raise ValueError(
-                    f"clamps.width ({self.clamps.width:g} mm) must be below "
-                    f"inner_radius ({self.inner_radius:g} mm)"
+                raise ValueAt(
+                    ("clamps", "width"),
+                    f"{self.clamps.width:g} mm must be below "
+                    f"inner_radius ({self.inner_radius:g} mm)",
                 )
             if self.clamps.height <= solid:
-                raise ValueError(
-                    f"clamps.height ({self.clamps.height:g} mm) must exceed half the strips' "
-                    f"thickness ({solid:g} mm)"
+                raise ValueAt(
+                    ("clamps", "height"),
+                    f"{self.clamps.height:g} mm must exceed half the strips' "
+                    f"thickness ({solid:g} mm)",
                 )
             solid = self.clamps.height
         if 0 < self.air_height <= solid:
-            raise ValueError(
-                f"air_height ({self.air_height:g} mm) must exceed the solid below it "
-                f"({solid:g} mm), or be 0 mm"
+            raise ValueAt(
+                ("air_height",),
+                f"{self.air_height:g} mm must exceed the solid below it ({solid:g} mm), or be 0 mm",
             )
         return self
 
@@ -98,7 +101,11 @@ class Mesh(Section):
 
 
 def _pair(value: object) -> object:
-    return [value, value] if isinstance(value, (int, float)) else value
+    if isinstance(value, (list, tuple)) and len(value) == 2:
+        return value
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ValueError("expected a number such as 1.15, or two: [radial, hoop]")
+    return [value, value]
 
 
 Stretch = Annotated[float, Field(ge=0.5, le=10)]
@@ -108,9 +115,10 @@ class FilmProperties(Section):
     """What the film has besides its law."""
 
     relative_permittivity: float = Field(gt=0, description="of the ideal dielectric film")
-    prestretch: Annotated[tuple[Stretch, Stretch], BeforeValidator(_pair)] = Field(
-        (1.0, 1.0), description="in-plane pre-stretch: equal-biaxial, or [radial, hoop]"
-    )
+    prestretch: Annotated[
+        tuple[Stretch, Stretch],
+        BeforeValidator(_pair, json_schema_input_type=Stretch | tuple[Stretch, Stretch]),
+    ] = Field((1.0, 1.0), description="in-plane pre-stretch: equal-biaxial, or [radial, hoop]")
 
 
 def _choice(bases: tuple[type, ...], suffix: str) -> Any:
@@ -141,7 +149,7 @@ else:
 class Materials(Section):
     """Materials by region."""
 
-    film: FilmMaterial
+    film: FilmMaterial = Field(description="law and dielectric properties of the film")
     electrode: ElectrodeMaterial | None = Field(
         None, description="of both electrodes; needed if electrode_thickness is above zero"
     )
@@ -188,7 +196,8 @@ def _polyline(value: object) -> object:
 
 
 def _list_of(kind: Any) -> Any:
-    return Annotated[tuple[kind, ...], BeforeValidator(_polyline), Field(min_length=1)]
+    shape = BeforeValidator(_polyline, json_schema_input_type=kind | tuple[kind, ...])
+    return Annotated[tuple[kind, ...], Field(min_length=1), shape]
 
 
 if TYPE_CHECKING:
@@ -214,9 +223,22 @@ class _Port(Section):
     def _one_of(self) -> _Port:
         names = list(type(self).model_fields)
         given = [n for n in names if getattr(self, n) is not None]
-        if len(given) != 1:
-            raise ValueError(f"give exactly one of {', '.join(names)}, not {given or 'none'}")
+        if len(given) > 1:
+            raise ValueAt((given[1],), f"{' and '.join(given)} exclude each other; give one")
+        if not given:
+            raise ValueError(f"give one of {', '.join(names)}")
         return self
+
+    @property
+    def polyline(self) -> tuple[tuple[str, ...], tuple[float, ...]]:
+        """Path and values of the input that is given."""
+        for name in type(self).model_fields:
+            given = getattr(self, name)
+            if isinstance(given, Spring):
+                return (name, "anchor"), given.anchor
+            if given is not None:
+                return (name,), given
+        raise AssertionError("a port has one input")
 
 
 class MountInput(_Port):
@@ -246,6 +268,28 @@ class Stage(Section):
     cycles: int = Field(1, ge=1, description="repetitions")
     mount: MountInput | None = Field(None, description="unchanged if not given")
     terminal: TerminalInput | None = Field(None, description="unchanged if not given")
+
+    @model_validator(mode="after")
+    def _cycles_close(self) -> Stage:
+        """A cycle begins where the one before ended, or the input would jump."""
+        if self.cycles == 1:
+            return self
+        driven = [
+            (port, *found)
+            for port in ("mount", "terminal")
+            if (given := getattr(self, port)) is not None and (found := given.polyline)
+        ]
+        if not driven:
+            raise ValueAt(("cycles",), "only an input of this stage can be repeated; it has none")
+        for port, name, values in driven:
+            if len(values) == 1:
+                where, need = (port, *name), "a list, such as [0, peak, 0] with units"
+            elif values[0] != values[-1]:
+                where, need = (port, *name), "a list that ends where it begins"
+            else:
+                continue
+            raise ValueAt(where, f"{self.cycles} cycles need {need}")
+        return self
 
 
 class Output(Section):
@@ -281,17 +325,19 @@ class Config(Section):
     @model_validator(mode="after")
     def _consistent(self) -> Config:
         if not re.fullmatch(r"[\w.+-]+", self.name):
-            raise ValueError(f"name {self.name!r}: use letters, digits, '_', '-', '.' and '+'")
+            raise ValueAt(("name",), "use letters, digits, '_', '-', '.' and '+' only")
         if self.geometry.electrode_thickness > 0 and self.materials.electrode is None:
-            raise ValueError(
-                "materials.electrode is missing, but geometry.electrode_thickness is above zero"
+            raise ValueAt(
+                ("materials", "electrode"),
+                "this key is missing, but geometry.electrode_thickness is above zero",
             )
-        for stage in self.program[1:]:
+        for i, stage in enumerate(self.program[1:], start=1):
             if stage.stage == "prestrain":
-                raise ValueError("a prestrain stage must be the first of the program")
+                raise ValueAt(("program", i, "stage"), "prestrain can only be the first stage")
         first = self.program[0]
-        if first.stage == "prestrain" and (first.mount or first.terminal):
-            raise ValueError("a prestrain stage takes no mount or terminal input")
+        for port in ("mount", "terminal"):
+            if first.stage == "prestrain" and getattr(first, port) is not None:
+                raise ValueAt(("program", 0, port), "a prestrain stage takes no input")
         self._air_above_stroke()
         return self
 
@@ -305,7 +351,8 @@ class Config(Section):
             values = (stage.mount and stage.mount.displacement) or ()
             stroke = max((abs(v) for v in values), default=0.0)
             if stroke >= 0.9 * (g.air_height - below):
-                raise ValueError(
-                    f"geometry.air_height ({g.air_height:g} mm) is too low for the displacement "
-                    f"of {stroke:g} mm in stage {stage.stage!r}; twice the stroke works well"
+                raise ValueAt(
+                    ("geometry", "air_height"),
+                    f"{g.air_height:g} mm of air are too low for the displacement of "
+                    f"{stroke:g} mm in stage {stage.stage!r}; twice the stroke works well",
                 )

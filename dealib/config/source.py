@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
+from ruamel.yaml.reader import ReaderError
 
 from dealib.errors import ConfigError
 
@@ -39,12 +41,30 @@ class Source:
             self.tree = YAML(typ="rt", pure=True).load(self.text)
         except MarkedYAMLError as error:
             mark = error.problem_mark or error.context_mark
-            problem = (error.problem or str(error)).strip().splitlines()[0]
-            raise ConfigError(self._at(mark.line, mark.column, f"YAML: {problem}")) from None
-        except YAMLError as error:
-            raise ConfigError(f"{path}: YAML: {error}") from None
+            raise ConfigError(self._at(mark.line, mark.column, _yaml_problem(error))) from None
+        except ReaderError as error:
+            line = self.text.count("\n", 0, error.position)
+            column = error.position - (self.text.rfind("\n", 0, error.position) + 1)
+            problem = "a control character, which YAML does not allow"
+            raise ConfigError(self._at(line, column, problem)) from None
+        except (YAMLError, ValueError) as error:
+            raise ConfigError(f"{path}: no valid YAML: {str(error).splitlines()[0]}") from None
+        if self.tree is None:
+            raise ConfigError(f"{path}: the file is empty{_START}")
         if not isinstance(self.tree, CommentedMap):
-            raise ConfigError(f"{path}: expected a mapping of keys such as 'geometry:'")
+            kind = "a list" if isinstance(self.tree, CommentedSeq) else "plain text"
+            raise ConfigError(self._at(0, 0, f"expected keys such as 'geometry:', not {kind}"))
+        self._refuse_tags(self.tree, ())
+
+    def _refuse_tags(self, node: Any, where: Path_) -> None:
+        """Tags such as '!x' have no meaning here."""
+        tag = getattr(getattr(node, "tag", None), "value", None)
+        if tag is not None:
+            raise ConfigError(self.message(where, f"unknown tag {tag!r}; write the value alone"))
+        if not isinstance(node, (CommentedMap, CommentedSeq)):
+            return
+        for key in node if isinstance(node, CommentedMap) else range(len(node)):
+            self._refuse_tags(node[key], (*where, key))
 
     def override(self, assignment: str) -> None:
         """Apply one `key.sub.0.key=value`; the value is read as YAML.
@@ -58,52 +78,105 @@ class Source:
             raise ConfigError(f"--set {assignment}: expected KEY=VALUE, such as mesh.columns=80")
         try:
             value = YAML(typ="safe", pure=True).load(text)
-        except YAMLError:
+        except (YAMLError, ValueError):
             value = text.strip()
         node: Any = self.tree
-        for depth, part in enumerate(parts[:-1]):
-            done = ".".join(map(str, parts[: depth + 1]))
-            if isinstance(node, CommentedMap) and isinstance(part, str):
-                if node.get(part) is None:
-                    node[part] = CommentedMap()
-                node = node[part]
-            elif isinstance(node, CommentedSeq) and isinstance(part, int) and part < len(node):
-                node = node[part]
-            else:
-                raise ConfigError(f"--set {assignment}: there is no {done!r} in {self.path}")
-        last = parts[-1]
-        fits = isinstance(node, CommentedMap) and isinstance(last, str)
-        if not fits and not (
-            isinstance(node, CommentedSeq) and isinstance(last, int) and last < len(node)
-        ):
-            raise ConfigError(f"--set {assignment}: there is no {key.strip()!r} in {self.path}")
-        node[last] = value
+        for depth, part in enumerate(parts):
+            if problem := _no_step(node, part, ".".join(map(str, parts[:depth]))):
+                raise ConfigError(f"--set {assignment}: {problem}")
+            if depth == len(parts) - 1:
+                node[part] = value
+            elif isinstance(node, CommentedMap) and node.get(part) is None:
+                node[part] = CommentedMap()
+            node = node[part]
         self.overridden[tuple(parts)] = assignment
 
-    def message(self, where: Path_, problem: str) -> str:
-        """The problem, headed by `file:line:col` or the `--set` it came from, with a caret."""
-        for depth in range(len(where), 0, -1):
-            if where[:depth] in self.overridden:
-                key = ".".join(map(str, where))
-                return f"--set {self.overridden[where[:depth]]}: {key}: {problem}"
-        node, line, column = self.tree, 0, 0
+    def message(self, where: Path_, problem: str, at: Literal["key", "value"] = "value") -> str:
+        """The problem, headed by `file:line:col` or the `--set` it came from, with a caret.
+
+        Args:
+            where: Path of keys and list positions; what is not in the file is looked for above.
+            problem: What is wrong.
+            at: Whether the caret points at the key or at its value.
+        """
+        dotted = ".".join(map(str, where))
+        for path, assignment in self.overridden.items():
+            n = min(len(path), len(where))
+            if path[:n] == where[:n] and (len(where) >= len(path) or not self._in_text(where)):
+                key = "" if ".".join(map(str, path)) == dotted else f"{dotted}: "
+                return f"--set {assignment}: {key}{problem}"
+        line, column = self._position(where, at)
+        return self._at(line, column, f"{dotted}: {problem}" if dotted else problem)
+
+    def _in_text(self, where: Path_) -> bool:
+        """Whether the deepest key of a path stands in the file."""
+        node = self.tree
         for part in where:
+            if isinstance(node, CommentedMap) and part not in (node.lc.data or {}):
+                return False
+            node = node[part]
+        return True
+
+    def _position(self, where: Path_, at: str) -> tuple[int, int]:
+        """Line and column, from 0, of the deepest part of a path that is in the file."""
+        node, found = self.tree, (0, 0)
+        for depth, part in enumerate(where):
             try:
-                if isinstance(node, CommentedMap):
-                    line, column = node.lc.key(part)
+                if isinstance(node, CommentedSeq):
+                    found = node.lc.item(part)
+                elif at == "value" and depth == len(where) - 1 and node[part] is not None:
+                    found = node.lc.value(part)
                 else:
-                    line, column = node.lc.item(part)
+                    found = node.lc.key(part)
                 node = node[part]
             except (KeyError, TypeError, AttributeError, IndexError):
                 break
-        return self._at(line, column, f"{'.'.join(map(str, where))}: {problem}".lstrip(": "))
+        return found
 
     def _at(self, line: int, column: int, problem: str) -> str:
         lines = self.text.splitlines()
         head = f"{self.path}:{line + 1}:{column + 1}: {problem}"
         if line >= len(lines) or not lines[line].strip():
             return head
-        return f"{head}\n    {lines[line]}\n    {' ' * column}^"
+        shown = "".join(c if c.isprintable() else " " for c in lines[line])  # tabs would shift it
+        return f"{head}\n    {shown}\n    {' ' * column}^"
+
+
+_START = "; 'dealib init' writes a config to start from"
+
+_YAML_PROBLEMS = {  # what the parser says -> what a user can do about it
+    r"duplicate key \"(.*?)\"": "the key '{0}' is given twice",
+    r"character '\\t'": "a tab; YAML takes spaces only",
+    r"character '(.)' that cannot start": "text that starts with '{0}' needs quotes",
+    r"mapping values are not allowed": "a ':' in the wrong place; check the indentation, or put "
+    "the text in quotes",
+    r"expected the node content": "a value is missing before this",
+    r"expected <block end>": "this line's indentation fits none of the lines above",
+    r"expected ',' or '([]}])'": "a ',' or the closing '{0}' is missing before this",
+    r"unexpected end of stream": "a closing quote is missing",
+    r"undefined alias '(.*?)'": "'*{0}' refers to no anchor '&{0}'",
+    r"another document": "a second document begins here; a file holds one",
+    r"could not find expected ':'": "expected 'key: value'",
+}
+
+
+def _yaml_problem(error: MarkedYAMLError) -> str:
+    said = str(error.problem or error.context)
+    for pattern, problem in _YAML_PROBLEMS.items():
+        if found := re.search(pattern, said):
+            return problem.format(*found.groups())
+    return f"no valid YAML: {said.strip().splitlines()[0]}"
+
+
+def _no_step(node: Any, part: str | int, above: str) -> str:
+    """Why an override cannot step from a node to its part; empty if it can."""
+    if isinstance(node, CommentedMap):
+        return "" if isinstance(part, str) else f"{above or 'the file'} is no list"
+    if not isinstance(node, CommentedSeq):
+        return f"{above} is one value, it has no {part!r}"
+    if isinstance(part, int) and part < len(node):
+        return ""
+    return f"{above} is a list with items 0 to {len(node) - 1}, it has no {part!r}"
 
 
 def did_you_mean(word: object, known: Sequence[str] | Mapping[str, Any]) -> str:

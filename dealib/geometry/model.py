@@ -46,6 +46,12 @@ def write(config: Config, path: Path) -> dict[str, int]:
         return cells_by_region(gmsh.model)
 
 
+def check(config: Config) -> None:
+    """Raise what is wrong with the mesh file of a config."""
+    with gmsh_model(config):
+        pass
+
+
 def cells_by_region(model: Any) -> dict[str, int]:
     """Number of cells in each named region."""
     return {

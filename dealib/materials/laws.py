@@ -12,7 +12,9 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic_core import CoreSchema
 
+from dealib.errors import ValueAt
 from dealib.units import Stress, parse
 
 
@@ -41,7 +43,7 @@ def invariants_of_stretches(l1: Any, l2: Any, l3: Any) -> Invariants:
 class Law(BaseModel):
     """Base of the laws: strain energy density per unstretched volume, in MPa."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     youngs_modulus: Stress | None = Field(
         None,
@@ -72,6 +74,20 @@ class Law(BaseModel):
             p: The parameters, as attributes of the law's names, in MPa.
         """
 
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: Any) -> dict[str, Any]:
+        """In the JSON schema too, Young's modulus alone stands for the law's parameters."""
+        schema: dict[str, Any] = handler.resolve_ref_schema(handler(core))
+        own = [n for n in schema.get("required", ()) if n in cls.names()] if cls is not Law else []
+        if own:
+            schema["required"] = [n for n in schema["required"] if n not in own]
+            of_law = [{"required": [n]} for n in cls.names()]
+            schema["oneOf"] = [
+                {"required": ["youngs_modulus"], "not": {"anyOf": of_law}},
+                {"required": own, "not": {"required": ["youngs_modulus"]}},
+            ]
+        return schema
+
     @property
     def parameters(self) -> dict[str, float]:
         """Values of the law's own parameters, in internal units."""
@@ -80,11 +96,18 @@ class Law(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _thesis_rule(cls, data: Any) -> Any:
-        if not isinstance(data, dict) or data.get("youngs_modulus") is None:
+        if not isinstance(data, dict):
             return data
         given = [name for name in cls.names() if name in data]
+        if data.get("youngs_modulus") is None:
+            needed = [n for n in cls.names() if cls.model_fields[n].is_required()]
+            missing = [n for n in needed if n not in data]
+            if missing and all(key in cls.model_fields for key in data):  # else one is misspelt
+                rest = "" if given else ", or youngs_modulus alone"
+                raise ValueAt(("law",), f"{_name(cls)} needs {' and '.join(missing)}{rest}")
+            return data
         if given:
-            raise ValueError(f"give either youngs_modulus or {', '.join(given)}, not both")
+            raise ValueAt((given[0],), "give either youngs_modulus or the law's own parameters")
         try:
             modulus = parse(data["youngs_modulus"], "stress")
         except ValueError:
@@ -131,7 +154,9 @@ class MooneyRivlin(Law):
     @model_validator(mode="after")
     def _stiff_at_rest(self) -> MooneyRivlin:
         if self.c10 + self.c01 <= 0:
-            raise ValueError("c10 + c01 must be positive: it is half the shear modulus at rest")
+            raise ValueAt(
+                ("c01",), "c10 + c01 must be positive: it is half the shear modulus at rest"
+            )
         return self
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from dealib.config.case import Case, resolved
 from dealib.errors import ConfigError, DealibError, PlatformError
 from dealib.fem import compat
+from dealib.geometry import model
 from dealib.program.simulation import Simulation, State
 from dealib.results import store
 from dealib.results.fields import fields
@@ -194,6 +195,8 @@ def _prepare(path: Path, case: Case, overwrite: bool, comm: MPI.Comm) -> None:
     error: DealibError | None = None
     if comm.rank == 0:
         try:
+            if case.config.mesh.file is not None:  # before anything is overwritten
+                model.check(case.config)
             _make(path, overwrite)
             store.write_text(path / "config.yaml", case.text)
             store.write_text(path / "config.resolved.yaml", resolved(case.config))

@@ -39,7 +39,11 @@ class Run:
     @property
     def info(self) -> dict[str, Any]:
         """What `run.json` says: status, versions, timings."""
-        return dict(json.loads((self.directory / store.INFO).read_text(encoding="utf-8")))
+        path = self.directory / store.INFO
+        try:
+            return dict(json.loads(path.read_text(encoding="utf-8")))
+        except (ValueError, OSError):
+            raise ConfigError(f"{path}: not readable as JSON; this is no intact run") from None
 
     @cached_property
     def history(self) -> pandas.DataFrame:

@@ -1,0 +1,1 @@
+"""Fitting parameters of a config to measured curves."""

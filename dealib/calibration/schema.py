@@ -1,0 +1,183 @@
+"""The file that says what to fit to what."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from dealib.config import Case, load
+from dealib.config.messages import validate
+from dealib.config.schema import Section
+from dealib.config.source import Source
+from dealib.errors import ConfigError, ValueAt
+from dealib.units import factor, split
+
+if TYPE_CHECKING:
+    Amount: TypeAlias = tuple[float, str]
+else:
+    Amount = Annotated[tuple[float, str], BeforeValidator(split)]
+
+
+class Parameter(Section):
+    """A number of the config that is fitted, within bounds."""
+
+    start: Amount = Field(description="where the search starts, such as '1 MPa'")
+    min: Amount = Field(description="lower bound, such as '0.2 MPa'")
+    max: Amount = Field(description="upper bound, such as '5 MPa'")
+
+    @property
+    def unit(self) -> str:
+        """Unit of the start, in which the parameter is fitted and reported."""
+        return self.start[1]
+
+    @property
+    def range(self) -> tuple[float, float]:
+        """Bounds in that unit."""
+        return self._number("min"), self._number("max")
+
+    def _number(self, name: str) -> float:
+        value, unit = getattr(self, name)
+        if unit == self.unit:
+            return float(value)
+        return float(value) * factor(unit or "dimensionless", self.unit or "dimensionless")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Parameter:
+        for name in ("min", "max"):
+            try:
+                self._number(name)
+            except ValueError as error:
+                raise ValueAt((name,), str(error)) from None
+        low, high = self.range
+        if not low < self.start[0] < high:
+            raise ValueAt(("start",), "the start must lie between min and max")
+        return self
+
+    def text(self, value: float) -> str:
+        """A value as the config wants it."""
+        return f"{value!r} {self.unit}".strip()
+
+
+class Data(Section):
+    """Measured curves, and the part of a run that they belong to."""
+
+    file: str = Field(min_length=1, description="CSV file, beside this one")
+    stage: str | None = Field(None, description="stage of the program; default the whole run")
+    x: str | None = Field(None, description="quantity of the abscissa; default the first column")
+    columns: dict[str, str] | None = Field(
+        None, description="header in the file by quantity, such as force: 'Load cell [N]'"
+    )
+    set: dict[str, Any] = Field({}, description="keys of the config that differ for these data")
+    sigma: dict[str, Amount] = Field(
+        {}, description="standard deviation of the noise by quantity; default 1 % of its range"
+    )
+    weight: float = Field(1.0, gt=0, description="factor on the residuals of these data")
+
+
+class Method(Section):
+    """How the fit is done: Levenberg-Marquardt with bounds."""
+
+    max_evaluations: int = Field(30, ge=2, description="most evaluations of the residuals")
+    tolerance: float = Field(1e-6, gt=0, lt=0.1, description="relative, on sum of squares and x")
+    difference: float = Field(
+        1e-3, gt=0, lt=0.1, description="relative step of the finite differences"
+    )
+    confidence: float = Field(0.95, gt=0.5, lt=1, description="level of the intervals")
+    profile: bool = Field(
+        False, description="intervals from the profile of the sum of squares: exact, more runs"
+    )
+
+
+class Destination(Section):
+    """Where results go."""
+
+    directory: str | None = Field(None, description="default runs/NAME")
+
+
+class Fit(Section):
+    """A fit: a config, what may change in it, and the data it shall meet."""
+
+    name: str = Field(pattern=r"^[\w.+-]+$", description="short name; also the default directory")
+    description: str = Field("", description="one line, shown in the report")
+    base: str = Field(description="config to start from, beside this file")
+    set: dict[str, Any] = Field({}, description="keys of the config that differ for the whole fit")
+    parameters: dict[str, Parameter] = Field(min_length=1, description="by dotted key")
+    data: tuple[Data, ...] = Field(min_length=1)
+    method: Method = Method()
+    output: Destination = Destination()
+
+    @property
+    def directory(self) -> str:
+        """Directory of the results."""
+        return self.output.directory or f"runs/{self.name}"
+
+
+class Plan:
+    """A validated fit and what it refers to.
+
+    Args:
+        path: The YAML file.
+
+    Raises:
+        ConfigError: With one message a mistake.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.source = Source(path)
+        self.fit = validate(Fit, self.source)
+        self.base = path.parent / self.fit.base
+        if not self.base.is_file():
+            raise ConfigError(self.source.message(("base",), f"there is no file {self.base}"))
+        self.files = [path.parent / data.file for data in self.fit.data]
+        for i, file in enumerate(self.files):
+            if not file.is_file():
+                where = ("data", i, "file")
+                raise ConfigError(self.source.message(where, f"there is no file {file}"))
+        for key, parameter in self.fit.parameters.items():
+            self._load({key: parameter.text(parameter.start[0])}, ("parameters", key))
+        for i, data in enumerate(self.fit.data):
+            config = self._load(data.set, ("data", i, "set")).config
+            if data.stage not in (None, *(s.stage for s in config.program)):
+                known = ", ".join(s.stage for s in config.program)
+                problem = f"the program has no such stage; it has {known}"
+                raise ConfigError(self.source.message(("data", i, "stage"), problem))
+
+    def _load(self, changes: dict[str, Any], where: tuple[str | int, ...]) -> Case:
+        try:
+            return load(self.base, {**self.fit.set, **changes})
+        except ConfigError as error:
+            raise ConfigError(self.source.message(where, f"in {self.base}, {error}")) from None
+
+    def case(self, index: int, values: dict[str, float]) -> Case:
+        """The case of a data set at parameter values.
+
+        Args:
+            index: Number of the data set.
+            values: Parameters by dotted key, in their units.
+
+        Raises:
+            ConfigError: If the values are impossible together.
+        """
+        numbers = {key: self.fit.parameters[key].text(value) for key, value in values.items()}
+        return load(self.base, {**self.fit.set, **self.fit.data[index].set, **numbers})
+
+    def sigma(self, index: int, quantity: str, unit: str, spread: float) -> float:
+        """Standard deviation of a measured quantity, in a unit.
+
+        Raises:
+            ConfigError: If it is given in a unit of another kind.
+        """
+        given = self.fit.data[index].sigma.get(quantity)
+        if given is None:
+            return 0.01 * spread
+        where = ("data", index, "sigma", quantity)
+        try:
+            value = given[0] * factor(given[1] or "dimensionless", unit or "dimensionless")
+        except ValueError as error:
+            raise ConfigError(self.source.message(where, str(error))) from None
+        if not (value > 0 and math.isfinite(value)):
+            raise ConfigError(self.source.message(where, "must be above 0"))
+        return value

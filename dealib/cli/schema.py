@@ -1,0 +1,53 @@
+"""`dealib schema` and `dealib init`: the schema for editors and people, and templates."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+from dealib.config import reference
+from dealib.config.source import did_you_mean
+from dealib.config.templates import TEMPLATES, template
+from dealib.errors import ConfigError, PlatformError
+
+
+def write_schema(out: Path | None, *, page: bool, overwrite: bool) -> None:
+    """Print or write the JSON schema, or the reference page.
+
+    Raises:
+        ConfigError: If the file exists or its folder does not.
+    """
+    text = reference.reference() if page else reference.json_text()
+    if out is None:
+        typer.echo(text, nl=False)
+        return
+    _write(out, text, overwrite)
+    typer.echo(str(out))
+
+
+def write_template(name: str, out: Path | None) -> None:
+    """Write a commented config, and the schema for the editor beside it if it is not there.
+
+    Raises:
+        ConfigError: If there is no such template, or the file exists.
+    """
+    if name not in TEMPLATES:
+        raise ConfigError(f"--template {name}: unknown{did_you_mean(name, TEMPLATES)}")
+    path = out or Path(f"{name}.yaml")
+    _write(path, template(name), overwrite=False)
+    schema = path.parent / reference.SCHEMA_FILE
+    if not schema.exists():
+        _write(schema, reference.json_text(), overwrite=False)
+    typer.echo(f"{path}: next, dealib run {path}")
+
+
+def _write(path: Path, text: str, overwrite: bool) -> None:
+    if path.exists() and not overwrite:
+        raise ConfigError(f"{path} exists and is left as it is; choose another --out")
+    if not path.parent.is_dir():
+        raise ConfigError(f"{path}: there is no folder {path.parent}")
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise PlatformError(f"cannot write {path}: {error.strerror}") from None

@@ -1,0 +1,29 @@
+"""Mistakes on the command line itself, in one line like all others."""
+
+from __future__ import annotations
+
+import re
+
+import typer
+
+UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # of which all of typer's are kinds
+
+
+def explain(error: Exception) -> str:
+    """Typer's usage error as one line: what is wrong, and which help says more."""
+    from pydantic import ValidationError
+
+    from dealib.config.messages import problem
+
+    if isinstance(error.__cause__, ValidationError):
+        parameter = getattr(error, "param", None)
+        name = max(parameter.opts, key=len) if parameter is not None else "argument"
+        said = f"{name}: {problem(error.__cause__.errors()[0])}"
+    else:
+        said = error.format_message()  # type: ignore[attr-defined]
+        said = said[0].lower() + said[1:].rstrip(".")
+        said = re.sub(r" \(Possible options: (\S+).*\)$", r"; did you mean \1", said)
+        said = re.sub(r"\. Did you mean (.*)\?$", r"; did you mean \1", said)
+    context = getattr(error, "ctx", None)
+    command = context.info_name if context is not None and context.parent is not None else ""
+    return f"{said} (see: {' '.join(filter(None, ('dealib', command, '--help')))})"

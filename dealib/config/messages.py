@@ -1,0 +1,210 @@
+"""From pydantic's errors to messages that teach: what, where, what was expected."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, Literal, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from dealib.config.source import Source, did_you_mean
+from dealib.errors import ConfigError, ValueAt
+
+Loc = tuple[int | str, ...]
+Model = TypeVar("Model", bound=BaseModel)
+
+_EXPECTED = {
+    "int": "a whole number",
+    "float": "a number",
+    "bool": "true or false",
+    "string": "text",
+    "tuple": "a list",
+    "list": "a list",
+    "dict": "a mapping of keys",
+    "model": "a mapping of keys",
+}
+_LIMITS = {
+    "greater_than": "must be above {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than": "must be below {lt:g}",
+    "less_than_equal": "must be at most {le:g}",
+    "multiple_of": "must be a multiple of {multiple_of:g}",
+    "finite_number": "must be finite",
+}
+
+
+def validate(model: type[Model], source: Source) -> Model:
+    """Validate a parsed file against a model.
+
+    Args:
+        model: The schema.
+        source: The file and its overrides.
+
+    Raises:
+        ConfigError: With one message a mistake, each with its place in the file.
+    """
+    tree = plain(source.tree)
+    try:
+        return model.model_validate(tree)
+    except ValidationError as error:
+        found: dict[str, None] = {}
+        misspelt = [item for item in error.errors() if item["type"] == "extra_forbidden"]
+        for item in error.errors():
+            if item["type"] == "missing" and any(_meant(m, item["loc"], model) for m in misspelt):
+                continue  # it is there under a misspelt name
+            where = _in_file(item, tree)
+            at: Literal["key", "value"] = "key" if item["type"] == "extra_forbidden" else "value"
+            said = problem({**item, "input": _given(tree, where, item)}, model)
+            found[source.message(where, said, at)] = None
+        raise ConfigError("\n".join(found)) from None
+
+
+def _given(tree: Any, where: Loc, item: Mapping[str, Any]) -> Any:
+    """What the file says at a place, where pydantic may have seen it converted."""
+    try:
+        for part in where:
+            tree = tree[part]
+    except (KeyError, IndexError, TypeError):
+        return item.get("input")
+    return tree
+
+
+def plain(node: Any) -> Any:
+    """Plain dicts and lists of a ruamel tree."""
+    if isinstance(node, Mapping):
+        return {str(k): plain(v) for k, v in node.items()}
+    return [plain(v) for v in node] if isinstance(node, list) else node
+
+
+def problem(item: Mapping[str, Any], model: type[BaseModel] | None = None) -> str:
+    """What is wrong, in plain words.
+
+    Args:
+        item: One of pydantic's error details.
+        model: The schema that was not met, for what it knows at this place.
+    """
+    kind, given, ctx = item["type"], item.get("input"), item.get("ctx", {})
+    if kind == "extra_forbidden":
+        return f"unknown key{_hint(item, model)}"
+    if kind == "missing":
+        return f"this key is missing{_meaning(model, item['loc'])}"
+    if kind == "union_tag_not_found":
+        tag = ctx["discriminator"].strip("'")
+        fields = [m.model_fields[tag] for m in _models_at(model, item["loc"])]
+        known = list(dict.fromkeys(str(a) for f in fields for a in get_args(f.annotation)))
+        return f"the key {tag!r} is missing; one of {', '.join(known)}"
+    if kind == "union_tag_invalid":
+        tag, known = ctx["discriminator"].strip("'"), _words(ctx["expected_tags"])
+        return f"unknown {tag} {ctx['tag']!r}{did_you_mean(ctx['tag'], known)}"
+    if kind == "literal_error":
+        return f"{_shown(given)} is not allowed{did_you_mean(given, _words(ctx['expected']))}"
+    if kind == "value_error":
+        return str(ctx["error"])
+    if kind in _LIMITS:
+        return f"{_LIMITS[kind].format(**ctx)}, not {_shown(given)}"
+    if kind in ("too_short", "string_too_short"):
+        return "must not be empty"
+    expected = _EXPECTED.get(kind.split("_")[0], "another kind of value")
+    hint = ""
+    if expected == "text" and isinstance(given, (int, float)):
+        hint = f"; put it in quotes: '{given}'"
+    return f"expected {expected}, not {_shown(given)}{hint}"
+
+
+def _hint(item: Mapping[str, Any], model: type[BaseModel] | None) -> str:
+    """What an unknown key may have been meant to be."""
+    known = [n for m in _models_at(model, item["loc"][:-1]) for n in m.model_fields]
+    return did_you_mean(str(item["loc"][-1]), list(dict.fromkeys(known)))
+
+
+def _meant(item: Mapping[str, Any], loc: Loc, model: type[BaseModel]) -> bool:
+    """Whether an unknown key is a missing one of the same section, misspelt."""
+    same = item["loc"][:-1] == loc[:-1]
+    return same and _hint(item, model) == f"; did you mean {loc[-1]!r}?"
+
+
+def _shown(given: Any) -> str:
+    """A value as it may stand in a sentence."""
+    if given is None:
+        return "nothing"
+    if isinstance(given, bool):
+        return str(given).lower()
+    if isinstance(given, (str, int, float)):
+        return repr(given)
+    if isinstance(given, (dict, list)):
+        return "a mapping" if isinstance(given, dict) else "a list"
+    return f"a {type(given).__name__}"
+
+
+def _words(listing: str) -> list[str]:
+    """The words of pydantic's "'a', 'b' or 'c'"."""
+    return [
+        w.strip(" '") for w in listing.replace("' or '", "', '").replace(" or ", ",").split(",")
+    ]
+
+
+def _in_file(item: Mapping[str, Any], tree: Any) -> Loc:
+    """Where in the file: pydantic's location without tags of unions and items of lone values."""
+    where: list[int | str] = []
+    node, loc, kind = tree, item["loc"], item["type"]
+    for depth, part in enumerate(loc):
+        last = depth == len(loc) - 1
+        if isinstance(node, Mapping):
+            inside = part in node
+        else:
+            inside = isinstance(node, list) and isinstance(part, int) and part < len(node)
+        if inside:
+            where.append(part)
+            node = node[part]
+        elif last and kind == "missing":
+            where.append(part)
+    if kind == "union_tag_invalid":
+        where.append(item["ctx"]["discriminator"].strip("'"))
+    if kind == "value_error" and isinstance(item["ctx"]["error"], ValueAt):
+        where.extend(item["ctx"]["error"].where)
+    return tuple(where)
+
+
+def _models_at(model: type[BaseModel] | None, loc: Iterable[int | str]) -> list[type[BaseModel]]:
+    """The models that may stand at a location of the schema."""
+    kinds = [] if model is None else [model]
+    for part in loc:
+        fields = [m.model_fields[part] for m in kinds if part in m.model_fields]
+        if fields:
+            kinds = [m for f in fields for m in _models_in(f.annotation)]
+        elif isinstance(part, str):  # the tag of a union, or a key of a free mapping
+            kinds = [m for m in kinds if part in _literals(m)] or kinds
+    return kinds
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [m for arg in get_args(annotation) for m in _models_in(arg)]
+
+
+def _literals(model: type[BaseModel]) -> set[str]:
+    """All words that a model's choices allow."""
+    found = [get_args(f.annotation) for f in model.model_fields.values()]
+    return {a for args in found for a in args if isinstance(a, str)}
+
+
+def _meaning(model: type[BaseModel] | None, loc: Loc) -> str:
+    """What a missing key would say, and how."""
+    fields = [m.model_fields.get(str(loc[-1])) for m in _models_at(model, loc[:-1])]
+    for field in filter(None, fields):
+        means, example = field.description or "", _example(field)
+        such_as = f"such as '{example}'" if example else ""
+        text = "; ".join(t for t in (means, such_as) if t)
+        return f": {text}" if text else ""
+    return ""
+
+
+def _example(field: FieldInfo) -> str:
+    """An example of a quantity with its unit; empty for other values."""
+    for note in field.metadata:
+        schema = getattr(note, "json_schema", None)
+        if isinstance(schema, dict) and schema.get("examples"):
+            return str(schema["examples"][0])
+    return ""

@@ -1,0 +1,147 @@
+"""What the schema says, for editors (JSON schema) and for people (reference page, templates)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+from dealib.config.schema import Config
+from dealib.units import DIMENSIONS
+
+Node = dict[str, Any]
+SCHEMA_FILE = "dealib.schema.json"
+MODELINE = f"# yaml-language-server: $schema={SCHEMA_FILE}"
+
+
+def json_schema() -> Node:
+    """JSON schema of the config; quantities carry their dimension and an example."""
+    schema = Config.model_json_schema()
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+    return dict(_tidy(schema))
+
+
+def json_text() -> str:
+    """The JSON schema as a file's text."""
+    return json.dumps(json_schema(), indent=2) + "\n"
+
+
+def _tidy(node: Any) -> Any:
+    """Without titles and null, with units in descriptions and defaults."""
+    if isinstance(node, list):
+        return [_tidy(n) for n in node]
+    if not isinstance(node, dict):
+        return node
+    node = {k: _tidy(v) for k, v in node.items() if not (k == "title" and isinstance(v, str))}
+    if "properties" in node:
+        order = sorted(
+            node["properties"], key=lambda name: name != "law"
+        )  # what decides comes first
+        node["properties"] = {name: node["properties"][name] for name in order}
+        return node | {"title": node.get("description", "").split(":")[0].rstrip(".")}
+    choices = [c for c in node.pop("anyOf", []) if c.get("type") != "null"]
+    if len(choices) == 1:
+        node = choices[0] | node
+    elif choices:
+        node["anyOf"] = choices
+    if isinstance(node.get("default", ""), (dict, type(None))):
+        del node["default"]
+    if dimension := _dimension(node):
+        unit, example = DIMENSIONS[dimension]
+        kind = f"{dimension}, such as '{example}'"
+        means = node.get("description", "")
+        node["description"] = f"{means} ({kind})" if means and kind not in means else means or kind
+        if "default" in node:
+            node["default"] = f"{node['default']:g} {unit}"
+    return node
+
+
+def _dimension(node: Node) -> str:
+    """Dimension of a quantity or of a polyline of quantities; empty for anything else."""
+    for choice in [node, *node.get("anyOf", [])]:
+        if "dimension" in choice:
+            return str(choice["dimension"])
+    return ""
+
+
+def meaning(node: Node) -> str:
+    """Description of a key without its dimension."""
+    return str(node.get("description", "")).split(f" ({_dimension(node) or '?'}, such as ")[0]
+
+
+def properties(node: Node, defs: Node) -> Node:
+    """Keys of a section of the schema."""
+    return dict(resolve(node, defs).get("properties", {}))
+
+
+def resolve(node: Node, defs: Node) -> Node:
+    """The definition that a node refers to."""
+    return dict(defs[node["$ref"].rsplit("/", 1)[1]]) if "$ref" in node else node
+
+
+def variants(node: Node, defs: Node) -> dict[str, Node]:
+    """Definitions of a discriminated union by their tag."""
+    mapping = node.get("discriminator", {}).get("mapping", {})
+    return {tag: resolve({"$ref": ref}, defs) for tag, ref in mapping.items()}
+
+
+def kind(node: Node) -> str:
+    """Type of a key's value in words."""
+    if dimension := _dimension(node):
+        return f"{dimension}, or list" if "anyOf" in node else dimension
+    if "anyOf" in node:
+        return ", or ".join(kind(c) for c in node["anyOf"])
+    if "enum" in node or "const" in node:
+        return ", ".join(f"`{v}`" for v in node.get("enum", [node.get("const")]))
+    if node.get("type") == "array":
+        items = node.get("prefixItems")
+        return f"list of {len(items)}" if items else "list"
+    names = {"integer": "whole number", "number": "number", "string": "text", "boolean": "switch"}
+    limits = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
+    bounds = [f"{sign} {node[key]:g}" for key, sign in limits.items() if key in node]
+    return " ".join([names.get(node.get("type", ""), "section"), ", ".join(bounds)]).strip()
+
+
+def reference() -> str:
+    """The page of all keys, in Markdown."""
+    schema = json_schema()
+    head = [
+        "# All keys of a config",
+        "",
+        "Made by `dealib schema --reference` from the schema that `dealib check` applies. Values",
+        "with a dimension are written with a unit; any unit of that dimension will do.",
+        "",
+        "| dimension | example |",
+        "|---|---|",
+        *(f"| {name} | `{example}` |" for name, (_, example) in DIMENSIONS.items()),
+    ]
+    seen: set[str] = set()
+    return "\n".join([*head, *_section(schema, "", schema["$defs"], seen)]) + "\n"
+
+
+def _section(node: Node, path: str, defs: Node, seen: set[str]) -> Iterator[str]:
+    yield from ("", f"## `{path}`" if path else "## Top level", "")
+    yield from (node.get("description", ""), "")
+    yield from ("| key | value | default | meaning |", "|---|---|---|---|")
+    below: list[tuple[str, Node]] = []
+    for key, value in node["properties"].items():
+        required = "*needed*" if key in node.get("required", ()) else ""
+        default = f"`{value['default']}`" if value.get("default", "") != "" else required
+        items = value.get("items", {})
+        inner = items if "$ref" in items else value
+        if "$ref" in inner or "discriminator" in inner:
+            below.append((f"{path}.{key}".lstrip(".") + ("[]" if inner is items else ""), inner))
+        means = meaning(value) or resolve(inner, defs).get("description", "")
+        what = "list of sections" if inner is items and inner else kind(value)
+        yield f"| `{key}` | {what} | {default} | {means} |".replace("  ", " ")
+    for name, inner in below:
+        tagged = variants(inner, defs)
+        for tag, variant in tagged.items():
+            if tag not in seen:
+                yield from _section(variant, f"{name}` with law `{tag}", defs, seen)
+        if tagged and seen.issuperset(tagged):
+            keys = "`, `".join(tagged)
+            yield from ("", f"## `{name}`", "", f"Laws and their parameters as above: `{keys}`.")
+        seen.update(tagged)
+        if not tagged:
+            yield from _section(resolve(inner, defs), name, defs, seen)

@@ -1,0 +1,1 @@
+"""Measured curves: reading them with their units, and comparing runs with them."""

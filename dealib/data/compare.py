@@ -1,0 +1,173 @@
+"""How well a run's curve meets a measured one, branch by branch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from dealib.data.measured import Array, Measured
+from dealib.errors import ConfigError
+
+_TURN = 0.05  # of the range of x: a retreat by less is noise, not a new branch
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A measured curve and the computed one at the same abscissae.
+
+    Attributes:
+        x_name: Column of the abscissa.
+        y_name: Column of the curve.
+        x: Abscissae (points,).
+        measured: Measured values (points,).
+        computed: Computed values (points,); NaN where the run does not reach.
+        branch: Number of the branch of each point, from 0 (points,).
+    """
+
+    x_name: str
+    y_name: str
+    x: Array
+    measured: Array
+    computed: Array
+    branch: npt.NDArray[np.int64]
+
+    @property
+    def inside(self) -> npt.NDArray[np.bool_]:
+        """Points that the run reaches."""
+        return np.isfinite(self.computed)
+
+    @property
+    def rmse(self) -> float:
+        """Root mean square of the difference, over the points inside."""
+        difference = (self.computed - self.measured)[self.inside]
+        return float(np.sqrt(np.mean(difference**2)))
+
+    @property
+    def r2(self) -> float:
+        """Coefficient of determination, 1 - SS_res / SS_tot, over the points inside; else NaN."""
+        measured = self.measured[self.inside]
+        total = float(np.sum((measured - measured.mean()) ** 2))
+        return 1 - self.rmse**2 * len(measured) / total if total > 0 else float("nan")
+
+    def of_branch(self, number: int) -> Comparison:
+        """The points of one branch."""
+        on = self.branch == number
+        parts = (self.x[on], self.measured[on], self.computed[on], self.branch[on])
+        return Comparison(self.x_name, self.y_name, *parts)
+
+
+def compare(
+    history: Mapping[str, npt.ArrayLike],
+    measured: Measured,
+    stage: str | None = None,
+    extrapolate: bool = False,
+) -> list[Comparison]:
+    """Compare each measured curve with that of a run.
+
+    Both abscissae are split where they turn. The first rising branch of the data is compared with
+    the run's first rising one, and so on; if the run has none of that direction left, with its
+    last one.
+
+    Args:
+        history: Columns of a history, with `stage`.
+        measured: The data.
+        stage: Take the run's rows of this stage only, with the row that it starts from.
+        extrapolate: Continue the run's curve straight where the data go beyond.
+
+    Raises:
+        ConfigError: If the stage does not exist, or no point is inside the run's curve.
+    """
+    rows = _rows([str(s) for s in np.asarray(history["stage"])], stage)
+    run_x = np.asarray(history[measured.x], dtype=float)[rows]
+    x = measured.columns[measured.x]
+    pieces = branches(x)
+    partners = _partners(x, pieces, run_x, branches(run_x))
+    number = np.zeros(len(x), dtype=np.int64)
+    for k, piece in enumerate(pieces):
+        number[piece] = k
+    found = []
+    for name in measured.curves:
+        run_y = np.asarray(history[name], dtype=float)[rows]
+        computed = np.full(len(x), np.nan)
+        for piece, partner in zip(pieces, partners, strict=True):
+            curve = _ascending(run_x[partner], run_y[partner])
+            computed[piece] = _interpolate(*curve, x[piece], extrapolate)
+        found.append(Comparison(measured.x, name, x, measured.columns[name], computed, number))
+        if not found[-1].inside.any():
+            raise ConfigError(
+                f"{measured.path}: {measured.x} spans {x.min():.6g} .. {x.max():.6g}, the run "
+                f"{run_x.min():.6g} .. {run_x.max():.6g}: no point to compare"
+            )
+    return found
+
+
+def branches(x: Array) -> list[slice]:
+    """Pieces of an abscissa between its turning points, each of at least one point."""
+    noise = _TURN * float(np.ptp(x))
+    turns, extreme, direction = [0], 0, 0.0
+    for i in range(1, len(x)):
+        step = x[i] - x[extreme]
+        if direction == 0:
+            if abs(step) > noise:
+                direction, extreme = float(np.sign(step)), i
+        elif step * direction >= 0:
+            extreme = i
+        elif -step * direction > noise:
+            turns.append(extreme)
+            direction, extreme = -direction, i
+    starts = [0, *(t + 1 for t in turns[1:])]
+    return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(x)], strict=True)]
+
+
+def _rows(stages: Sequence[str], stage: str | None) -> list[int]:
+    if stage is None:
+        return list(range(len(stages)))
+    rows = [i for i, name in enumerate(stages) if name == stage]
+    if not rows:
+        known = ", ".join(dict.fromkeys(stages))
+        raise ConfigError(f"the run has no stage {stage!r}; it has {known}")
+    return [rows[0] - 1, *rows] if rows[0] > 0 else rows
+
+
+def _partners(x: Array, pieces: list[slice], run_x: Array, run: list[slice]) -> list[slice]:
+    """For each branch of the data the branch of the run that it is compared with."""
+    # neighbouring branches share their turning point
+    run = [slice(max(p.start - 1, 0), p.stop) for p in run]
+    found = []
+    seen = {1.0: 0, -1.0: 0}
+    for piece in pieces:
+        way = _direction(x[slice(max(piece.start - 1, 0), piece.stop)])
+        same = [p for p in run if _direction(run_x[p]) == way] or run
+        found.append(same[min(seen[way], len(same) - 1)])
+        seen[way] += 1
+    return found
+
+
+def _direction(x: Array) -> float:
+    return 1.0 if x[-1] >= x[0] else -1.0
+
+
+def _ascending(x: Array, y: Array) -> tuple[Array, Array]:
+    """The points of a branch at which it advances, in ascending order of x."""
+    way = _direction(x)
+    reached = np.maximum.accumulate(way * x)
+    fresh = np.concatenate([[True], reached[1:] > reached[:-1]])
+    x, y = x[fresh], y[fresh]
+    return (x, y) if way > 0 else (x[::-1], y[::-1])
+
+
+def _interpolate(run_x: Array, run_y: Array, x: Array, extrapolate: bool) -> Array:
+    slack = 1e-9 * max(float(np.ptp(run_x)), 1e-300)
+    y = np.asarray(np.interp(x, run_x, run_y))
+    below, above = x < run_x[0] - slack, x > run_x[-1] + slack
+    if extrapolate and len(run_x) > 1:
+        first = (run_y[1] - run_y[0]) / (run_x[1] - run_x[0])
+        last = (run_y[-1] - run_y[-2]) / (run_x[-1] - run_x[-2])
+        y[below] += first * (x[below] - run_x[0])
+        y[above] += last * (x[above] - run_x[-1])
+    elif not extrapolate:
+        y[below | above] = np.nan
+    return y

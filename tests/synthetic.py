@@ -1,0 +1,55 @@
+"""Makes the synthetic data of configs/fits/example.yaml: `python tests/synthetic.py`."""
+
+from pathlib import Path
+
+import numpy as np
+
+import dealib
+from dealib.calibration.schema import Plan
+
+FITS = Path(__file__).parent.parent / "configs" / "fits"
+TRUE = {
+    "materials.film.youngs_modulus": 1.0,  # MPa
+    "materials.film.prestretch": 1.15,
+    "materials.film.relative_permittivity": 3.0,
+}
+NOISE, SEED = 2e-3, 2011  # N
+LABEL = """\
+# SYNTHETIC data, no measurement: computed by dealib for configs/fits/example.yaml with
+# youngs_modulus 1 MPa, prestretch 1.15, relative_permittivity 3.0 of the film,
+# plus normal noise of standard deviation 2 mN on the force (seed 2011).
+"""
+
+
+def texts():
+    """Content of both files by name."""
+    plan = Plan(FITS / "example.yaml")
+    h = [state.row for state in dealib.Simulation(plan.case(0, TRUE))]
+    u, F, V = (
+        np.array([row[k] for row in h]) for k in ("displacement_mm", "force_N", "voltage_kV")
+    )
+    stage = np.array([row["stage"] for row in h])
+    random = np.random.default_rng(SEED)
+    push = np.flatnonzero((stage == "prestrain") | (stage == "preload"))
+    x = np.linspace(-0.1, -2.0, 20)
+    force = np.interp(-x, -u[push], F[push]) + random.normal(0, NOISE, len(x))
+    first = "displacement [mm],force [N]\n"
+    first += "".join(f"{a:.3f},{b:.5f}\n" for a, b in zip(x, force, strict=True))
+    cycle = np.flatnonzero((stage == "actuate") | (stage == "hold"))
+    top = cycle[np.argmax(V[cycle])]
+    rising, falling = cycle[cycle <= top], cycle[cycle >= top]
+    v = np.concatenate([np.linspace(0, 2.4, 13), np.linspace(2.3, 0.1, 12)])
+    force = np.where(
+        np.arange(len(v)) < 13,
+        np.interp(v, V[rising], F[rising]),
+        np.interp(v, V[falling][::-1], F[falling][::-1]),
+    )
+    force += random.normal(0, NOISE, len(v))
+    second = "Voltage [V];Load cell [mN]\n"
+    second += "".join(f"{a:.0f};{b:.2f}\n" for a, b in zip(1e3 * v, 1e3 * force, strict=True))
+    return {"synthetic_push.csv": LABEL + first, "synthetic_voltage.csv": LABEL + second}
+
+
+if __name__ == "__main__":
+    for name, text in texts().items():
+        (FITS / name).write_text(text)

@@ -1,0 +1,517 @@
+"""Bad inputs: each is one clear message with its place, exit code 2, and nothing is overwritten."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from dealib.__main__ import main
+
+ROOT = Path(__file__).parent.parent
+
+BASE = """\
+name: case
+geometry:
+  inner_radius: 8 mm
+  outer_radius: 12 mm
+  film_thickness: 30 um
+  electrode_thickness: 10 um
+  air_height: 6 mm
+mesh:
+  columns: 8
+materials:
+  film:
+    law: neo_hookean
+    youngs_modulus: 1 MPa
+    relative_permittivity: 3.0
+    prestretch: 1.1
+  electrode:
+    law: neo_hookean
+    youngs_modulus: 3 MPa
+program:
+  - {stage: prestrain}
+  - {stage: push, mount: {displacement: -2 mm}, steps: 2}
+  - {stage: actuate, terminal: {voltage: [0 V, 2 kV, 0 V]}, steps: 2}
+"""
+
+# (what, text in BASE, its replacement, message without the file name, text at the caret)
+EDITS = [
+    # keys
+    ("misspelt key", "mesh:\n", "meshh:\n",
+     "8:1: meshh: unknown key; did you mean 'mesh'?", "meshh:"),
+    ("misspelt nested key", "inner_radius:", "iner_radius:",
+     "3:3: geometry.iner_radius: unknown key; did you mean 'inner_radius'?", "iner_radius:"),
+    ("unknown key", "columns: 8", "columns: 8\n  zebra: 1",
+     "10:3: mesh.zebra: unknown key; known: columns, film_rows, electrode_rows, grading, order, "
+     "air_size, file", "zebra: 1"),
+    ("unknown key of a stage", "{stage: prestrain}", "{stage: prestrain, step: 2}",
+     "20:24: program.0.step: unknown key; did you mean 'steps'?", "step: 2"),
+    ("parameter of another law", "youngs_modulus: 3 MPa", "c10: 1 MPa",
+     ["16:3: materials.electrode.shear_modulus: this key is missing: shear modulus G; such as "
+      "'1 MPa'",
+      "16:3: materials.electrode.bulk_modulus: this key is missing: bulk modulus kappa; such as "
+      "'1 MPa'",
+      "18:5: materials.electrode.c10: unknown key; known: youngs_modulus, law, shear_modulus, "
+      "bulk_modulus"], "c10:"),
+    ("missing key", "  outer_radius: 12 mm\n", "",
+     "2:1: geometry.outer_radius: this key is missing: inner radius of the rigid frame; such as "
+     "'30 um'", "geometry:"),
+    ("missing section", BASE[BASE.index("program"):], "",
+     "1:1: program: this key is missing", "name: case"),
+    ("stage without a name", "{stage: prestrain}", "{steps: 1}",
+     "20:5: program.0.stage: this key is missing: name; `prestrain` ramps the film's pre-stretch "
+     "from 1", "{steps: 1}"),
+    ("duplicate key", "  columns: 8\n", "  columns: 8\n  columns: 10\n",
+     "10:3: the key 'columns' is given twice", "columns: 10"),
+    # units
+    ("missing unit", "inner_radius: 8 mm", "inner_radius: 8",
+     "3:17: geometry.inner_radius: expected a length with its unit, such as '30 um'; '8' has no "
+     "unit", "8"),
+    ("wrong dimension", "30 um", "30 s",
+     "5:19: geometry.film_thickness: expected a length with its unit, such as '30 um'; 's' is not "
+     "a unit of that kind", "30 s"),
+    ("unknown unit", "1 MPa", "1 MPaa",
+     "13:21: materials.film.youngs_modulus: expected a stress with its unit, such as '1 MPa'; "
+     "'MPaa' is no unit", "1 MPaa"),
+    ("no number", "8 mm", "eight mm",
+     "3:17: geometry.inner_radius: expected a length with its unit, such as '30 um'; 'eight mm' "
+     "does not start with a number", "eight mm"),
+    ("nothing", "film_thickness: 30 um", "film_thickness:",
+     "5:3: geometry.film_thickness: expected a length with its unit, such as '30 um', not nothing",
+     "film_thickness:"),
+    ("wrong unit in a polyline", "2 kV", "2 kA",
+     "22:48: program.2.terminal.voltage.1: expected a voltage with its unit, such as '2.5 kV'; "
+     "'kA' is not a unit of that kind", "2 kA"),
+    ("infinite", "12 mm", "1e999 mm",
+     "4:17: geometry.outer_radius: expected a length with its unit, such as '30 um'; '1e999 mm' "
+     "is too large", "1e999 mm"),
+    # values
+    ("text for a number", "columns: 8", "columns: many",
+     "9:12: mesh.columns: expected a whole number, not 'many'", "many"),
+    ("fraction of a cell", "columns: 8", "columns: 8.5",
+     "9:12: mesh.columns: expected a whole number, not 8.5", "8.5"),
+    ("odd columns", "columns: 8", "columns: 9",
+     "9:12: mesh.columns: must be a multiple of 2, not 9", "9"),
+    ("too few columns", "columns: 8", "columns: 2",
+     "9:12: mesh.columns: must be at least 4, not 2", "2"),
+    ("unknown choice", "columns: 8", "grading: end",
+     "9:12: mesh.grading: 'end' is not allowed; did you mean 'ends'?", "end"),
+    ("permittivity", "permittivity: 3.0", "permittivity: -3",
+     "14:28: materials.film.relative_permittivity: must be above 0, not -3", "-3"),
+    ("pre-stretch of three", "prestretch: 1.1", "prestretch: [1.1, 1.2, 1.3]",
+     "15:17: materials.film.prestretch: expected a number such as 1.15, or two: [radial, hoop]",
+     "[1.1"),
+    ("pre-stretch", "prestretch: 1.1", "prestretch: 0.2",
+     "15:17: materials.film.prestretch: must be at least 0.5, not 0.2", "0.2"),
+    ("value for a section", "mesh:\n  columns: 8", "mesh: fine",
+     "8:7: mesh: expected a mapping of keys, not 'fine'", "fine"),
+    ("empty section", "mesh:\n  columns: 8", "mesh:",
+     "8:1: mesh: expected a mapping of keys, not nothing", "mesh:"),
+    ("name", "name: case", "name: my case",
+     "1:7: name: use letters, digits, '_', '-', '.' and '+' only", "my case"),
+    ("number for a name", "name: case", "name: 100",
+     "1:7: name: expected text, not 100; put it in quotes: '100'", "100"),
+    ("no stages", BASE[BASE.index("program"):], "program: []\n",
+     "19:10: program: must not be empty", "[]"),
+    ("a mapping for the program", BASE[BASE.index("  - {stage: prestrain}"):], "  stage: push\n",
+     "20:3: program: expected a list, not a mapping", "stage: push"),
+    # laws
+    ("unknown law", "law: neo_hookean\n    youngs_modulus: 1", "law: neohookean\n    x: 1",
+     "12:10: materials.film.law: unknown law 'neohookean'; did you mean 'neo_hookean'?",
+     "neohookean"),
+    ("no law", "    law: neo_hookean\n    youngs_modulus: 1 MPa\n", "",
+     "12:5: materials.film: the key 'law' is missing; one of LAWS", "relative_permittivity"),
+    ("a law's missing parameter", "youngs_modulus: 1 MPa", "shear_modulus: 1 MPa",
+     "12:10: materials.film.law: neo_hookean needs bulk_modulus", "neo_hookean"),
+    ("a law without parameters", "    youngs_modulus: 3 MPa\n", "",
+     "17:10: materials.electrode.law: neo_hookean needs shear_modulus and bulk_modulus, or "
+     "youngs_modulus alone", "neo_hookean"),
+    ("modulus and parameters", "1 MPa", "1 MPa\n    shear_modulus: 1 MPa",
+     "14:20: materials.film.shear_modulus: give either youngs_modulus or the law's own parameters",
+     "1 MPa"),
+    ("unstable Mooney-Rivlin", "law: neo_hookean\n    youngs_modulus: 3 MPa",
+     "law: mooney_rivlin\n    c10: 1 MPa\n    c01: -1 MPa\n    bulk_modulus: 50 MPa",
+     "19:10: materials.electrode.c01: c10 + c01 must be positive: it is half the shear modulus at "
+     "rest", "-1 MPa"),
+    ("no electrode", "  electrode:\n    law: neo_hookean\n    youngs_modulus: 3 MPa\n", "",
+     "10:1: materials.electrode: this key is missing, but geometry.electrode_thickness is above "
+     "zero", "materials:"),
+    # geometry
+    ("outer below inner", "12 mm", "7 mm",
+     "4:17: geometry.outer_radius: 7 mm must exceed inner_radius (8 mm)", "7 mm"),
+    ("negative thickness", "30 um", "-30 um",
+     "5:19: geometry.film_thickness: must be above 0, not '-30 um'", "-30 um"),
+    ("clamps too wide", "air_height: 6 mm", "clamps: {width: 9 mm, height: 1 mm}",
+     "7:19: geometry.clamps.width: 9 mm must be below inner_radius (8 mm)", "9 mm"),
+    ("clamps too low", "air_height: 6 mm", "clamps: {width: 2 mm, height: 20 um}",
+     "7:33: geometry.clamps.height: 0.02 mm must exceed half the strips' thickness (0.025 mm)",
+     "20 um"),
+    ("air inside the strips", "6 mm", "20 um",
+     "7:15: geometry.air_height: 0.02 mm must exceed the solid below it (0.025 mm), or be 0 mm",
+     "20 um"),
+    ("air lower than the stroke", "6 mm", "2 mm",
+     "7:15: geometry.air_height: 2 mm of air are too low for the displacement of 2 mm in stage "
+     "'push'; twice the stroke works well", "2 mm"),
+    # program
+    ("pre-strain not first", "{stage: prestrain}", "{stage: hold}\n  - {stage: prestrain}",
+     "21:13: program.1.stage: prestrain can only be the first stage", "prestrain"),
+    ("pre-strain with an input", "{stage: prestrain}", "{stage: prestrain, mount: {force: 0 N}}",
+     "20:31: program.0.mount: a prestrain stage takes no input", "{force"),
+    ("two inputs at a port", "{displacement: -2 mm}", "{displacement: -2 mm, force: 0 N}",
+     "21:55: program.1.mount.force: displacement and force exclude each other; give one", "0 N"),
+    ("no input at a port", "{displacement: -2 mm}", "{}",
+     "21:26: program.1.mount: give one of displacement, force, mass, spring", "{}"),
+    ("cycles of one value", "-2 mm}", "-2 mm}, cycles: 3",
+     "21:41: program.1.mount.displacement: 3 cycles need a list, such as [0, peak, 0] with units",
+     "-2 mm"),
+    ("cycles that do not close", "2 kV, 0 V]}", "2 kV]}, cycles: 2",
+     "22:42: program.2.terminal.voltage: 2 cycles need a list that ends where it begins", "[0 V"),
+    ("cycles of nothing", "{stage: prestrain}", "{stage: prestrain, cycles: 2}",
+     "20:32: program.0.cycles: only an input of this stage can be repeated; it has none", "2}"),
+    ("negative duration", "{stage: push,", "{stage: push, duration: -1 s,",
+     "21:29: program.1.duration: must be above 0, not '-1 s'", "-1 s"),
+    ("no mesh file", "columns: 8", "file: none.msh",
+     "9:9: mesh.file: there is no file 'none.msh' (looked in . and TMP)", "none.msh"),
+    # YAML
+    ("tab", "  columns", "\tcolumns", "9:1: a tab; YAML takes spaces only", None),
+    ("indentation", "  outer_radius", " outer_radius",
+     "4:2: this line's indentation fits none of the lines above", "outer_radius"),
+    ("open bracket", "0 V]}, steps: 2}", "0 V}, steps: 2}",
+     "22:57: a ',' or the closing ']' is missing before this", "}"),
+    ("open quote", "name: case", "name: 'case", "23:1: a closing quote is missing", None),
+    ("colon in text", "name: case", "name: a: b",
+     "1:8: a ':' in the wrong place; check the indentation, or put the text in quotes", ": b"),
+    ("wrong tag", "columns: 8", "columns: !fine 8",
+     "9:12: mesh.columns: unknown tag '!fine'; write the value alone", "!fine"),
+    ("undefined alias", "12 mm", "*r", "4:17: '*r' refers to no anchor '&r'", "*r"),
+    ("second document", "mesh:", "---\nmesh:",
+     "8:1: a second document begins here; a file holds one", "---"),
+    ("control character", "name: case", "name: \x07",
+     "1:7: a control character, which YAML does not allow", None),
+]  # fmt: skip
+
+# (what, text of the whole file, message without the file name)
+FILES = [
+    ("empty file", "", ": the file is empty; 'dealib init' writes a config to start from"),
+    ("only comments", "# a\n", ": the file is empty; 'dealib init' writes a config to start from"),
+    ("list", "- a\n- b\n", ":1:1: expected keys such as 'geometry:', not a list\n    - a\n    ^"),
+    ("text", "hello", ":1:1: expected keys such as 'geometry:', not plain text\n    hello\n    ^"),
+    ("no text", b"\xff\xfe\x00", ": not a text file in UTF-8"),
+]
+
+# (assignment, message)
+SETS = [
+    ("mesh.colums=80", "unknown key; did you mean 'columns'?"),
+    ("meshh.columns=80", "meshh: unknown key; did you mean 'mesh'?"),
+    ("materials.film.e=1 MPa", "unknown key; known: KEYS"),
+    ("program.9.steps=2", "program is a list with items 0 to 2, it has no 9"),
+    ("program.push.steps=2", "program is a list with items 0 to 2, it has no 'push'"),
+    ("geometry.inner_radius.x=2", "geometry.inner_radius is one value, it has no 'x'"),
+    ("0.steps=2", "the file is no list"),
+    ("mesh.columns", "expected KEY=VALUE, such as mesh.columns=80"),
+    ("=3", "expected KEY=VALUE, such as mesh.columns=80"),
+    ("mesh.columns=7", "must be a multiple of 2, not 7"),
+    ("mesh=3", "expected a mapping of keys, not 3"),
+    ("geometry.outer_radius=7 mm", "7 mm must exceed inner_radius (8 mm)"),
+    ("geometry.outer_radius=7",
+     "expected a length with its unit, such as '30 um'; '7' has no unit"),
+    ("geometry={inner_radius: 1 mm}", [
+        "geometry.outer_radius: this key is missing: inner radius of the rigid frame; such as "
+        "'30 um'",
+        "geometry.film_thickness: this key is missing: as mounted, that is pre-stretched; such as "
+        "'30 um'",
+        "geometry.electrode_thickness: this key is missing: 0 um: no electrode bodies, the film's "
+        "faces are the electrodes; such as '30 um'"]),
+]  # fmt: skip
+
+# (arguments, message)
+USAGE = [
+    (["chek", "x"], "no such command 'chek'; did you mean 'check', 'schema' (see: dealib --help)"),
+    (["check"], "missing argument 'CONFIG' (see: dealib check --help)"),
+    (["check", "x", "--st"], "no such option: --st; did you mean --set (see: dealib check --help)"),
+    (["run", "x", "--mpi", "0"], "--mpi: must be at least 1, not '0' (see: dealib run --help)"),
+    (["run", "x", "--mpi", "a"],
+     "--mpi: expected a whole number, not 'a' (see: dealib run --help)"),
+    (["check", "a", "b"], "got unexpected extra argument(s) (b) (see: dealib check --help)"),
+    (["check", "none.yaml"], "none.yaml: cannot read the config: No such file or directory"),
+    (["check", "."], ".: cannot read the config: Is a directory"),
+    (["info", "."], ".: no run here (there is no run.json)"),
+    (["init", "--template", "deep"], "--template deep: unknown; did you mean 'deap'?"),
+    (["init", "--out", "no/x.yaml"], "no/x.yaml: there is no folder no"),
+    (["mesh", str(ROOT / "configs/membrane.yaml"), "--out", "x.vtk"],
+     "--out x.vtk: Gmsh's files end in .msh"),
+]  # fmt: skip
+
+
+@pytest.fixture
+def dealib(tmp_path, monkeypatch, capsys):
+    """Runs a command in an empty directory; returns its exit code, stdout and stderr."""
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["dealib", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            main()
+        return (stop.value.code, *capsys.readouterr())
+
+    monkeypatch.chdir(tmp_path)
+    return call
+
+
+def law_names():
+    from dealib.materials.laws import LAWS
+
+    return ", ".join(LAWS)
+
+
+@pytest.mark.parametrize(("old", "new", "expected", "at"), [e[1:] for e in EDITS],
+                         ids=[e[0] for e in EDITS])  # fmt: skip
+def test_bad_config(dealib, tmp_path, old, new, expected, at):
+    text = BASE.replace(old, new, 1)
+    assert text != BASE
+    path = tmp_path / "case.yaml"
+    path.write_text(text)
+    code, out, err = dealib("check", path)
+    assert (code, out) == (2, "")
+    shown = err.removeprefix("dealib: ").splitlines()
+    heads = [line for line in shown if line.startswith(str(path))]
+    expected = [expected] if isinstance(expected, str) else expected
+    expected = [e.replace("LAWS", law_names()).replace("TMP", str(tmp_path)) for e in expected]
+    assert [h.removeprefix(f"{path}:") for h in heads] == expected
+    if at is not None:  # the line and the caret under what is wrong
+        line, caret = shown[-2:]
+        assert line[caret.index("^") :].startswith(at)
+        assert caret.strip() == "^"
+
+
+@pytest.mark.parametrize(("text", "expected"), [f[1:] for f in FILES], ids=[f[0] for f in FILES])
+def test_bad_file(dealib, tmp_path, text, expected):
+    path = tmp_path / "case.yaml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    assert dealib("check", path) == (2, "", f"dealib: {path}{expected}\n")
+
+
+@pytest.mark.parametrize(("assignment", "expected"), SETS, ids=[s[0] for s in SETS])
+def test_bad_override(dealib, tmp_path, assignment, expected):
+    path = tmp_path / "case.yaml"
+    path.write_text(BASE)
+    keys = "youngs_modulus, law, shear_modulus, bulk_modulus"
+    expected = [expected] if isinstance(expected, str) else expected
+    said = "\n".join(f"--set {assignment}: {e}" for e in expected)
+    code, out, err = dealib("check", path, "--set", assignment)
+    known = "relative_permittivity, prestretch, "
+    assert (code, out) == (2, "")
+    assert err == f"dealib: {said}\n".replace("KEYS", known + keys)
+
+
+@pytest.mark.parametrize(("arguments", "expected"), USAGE, ids=[" ".join(u[0]) for u in USAGE])
+def test_bad_usage(dealib, tmp_path, arguments, expected):
+    assert dealib(*arguments) == (2, "", f"dealib: {expected}\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_messages_speak_plainly(dealib, tmp_path):
+    """No phrase of pydantic, no type name of Python, however wrong a value is."""
+    path = tmp_path / "case.yaml"
+    seen = 0
+    for line in BASE.splitlines():
+        key, _, value = line.partition(": ")
+        if not value:
+            continue
+        for wrong in ("{a: {b: 1}}", "[[1, 2], x]", "true", "", "-1e3", "'\\u00e9'", "2020-01-01"):
+            path.write_text(BASE.replace(line, f"{key}: {wrong}", 1))
+            code, _, err = dealib("check", path)
+            if code == 0:
+                continue
+            seen += 1
+            assert code == 2
+            for phrase in (
+                "nput should",
+                "a valid",
+                "Value error",
+                "NoneType",
+                "dict",
+                "Traceback",
+            ):
+                assert phrase not in err, err
+            assert all(len(line) < 250 for line in err.splitlines())
+    assert seen > 60
+
+
+# --- files and directories that must stay as they are --------------------------------------------
+
+
+def snapshot(directory):
+    return {p: p.read_bytes() for p in sorted(directory.rglob("*")) if p.is_file()}
+
+
+def test_existing_output_is_left_alone(dealib, tmp_path):
+    (tmp_path / "case.yaml").write_text(BASE)
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "mine.txt").write_text("precious")
+    before = snapshot(tmp_path)
+    run = ("run", "case.yaml", "--out", "out")
+    said = "dealib: out exists and is not empty; choose another --out, or --overwrite it\n"
+    assert dealib(*run) == (2, "", said)
+    said = "dealib: out is no run directory of dealib; it is not overwritten\n"
+    assert dealib(*run, "--overwrite") == (2, "", said)
+    assert snapshot(tmp_path) == before
+
+
+def test_init_and_schema_overwrite_nothing(dealib, tmp_path):
+    (tmp_path / "deap.yaml").write_text("precious")
+    said = "dealib: deap.yaml exists and is left as it is; choose another --out\n"
+    assert dealib("init") == (2, "", said)
+    assert dealib("schema", "--out", "deap.yaml") == (2, "", said)
+    assert snapshot(tmp_path) == {tmp_path / "deap.yaml": b"precious"}
+
+
+def test_broken_run_directory(dealib, tmp_path):
+    (tmp_path / "run.json").write_text('{"name": "x", ')
+    said = "dealib: run.json: not readable as JSON; this is no intact run\n"
+    assert dealib("info", ".") == (2, "", said)
+
+
+GMSH = """\
+$MeshFormat
+2.2 0 8
+$EndMeshFormat
+$PhysicalNames
+1
+2 1 "rubber"
+$EndPhysicalNames
+$Nodes
+4
+1 8 -1 0
+2 12 -1 0
+3 12 1 0
+4 8 1 0
+$EndNodes
+$Elements
+1
+1 3 2 1 1 1 2 3 4
+$EndElements
+"""
+
+
+def mixed(text):
+    """A triangle beside the first quadrilateral of a Gmsh 4.1 file."""
+    blocks = re.search(r"\$Elements\n(\d+) (\d+) (\d+) (\d+)\n", text)
+    n, cells, first, last = map(int, blocks.groups())
+    block = re.search(r"^2 (\d+) 3 \d+\n\d+ (\d+) (\d+) (\d+) \d+ *\n", text, re.M)
+    extra = f"2 {block[1]} 2 1\n{last + 1} {block[2]} {block[3]} {block[4]}\n"
+    head = f"$Elements\n{n + 1} {cells + 1} {first} {last + 1}\n"
+    text = text.replace(blocks[0], head)
+    return text.replace("$EndElements", extra + "$EndElements")
+
+
+MESHES = [
+    ("no mesh", lambda good: "hello", "Gmsh cannot read it: "),
+    ("without the names", lambda good: GMSH,
+     "no physical group named film, top_electrode, bottom_electrode, inner, outer, film_top, "
+     "film_bottom; the geometry of the config asks for them, the file has: rubber"),
+    ("mixed cells", mixed, "all cells must be 4-node quadrilaterals, or all 3-node triangles"),
+    ("wrong extents", lambda good: good,
+     "the film spans R = 8..12, Z = -0.015..0.015 mm, but the geometry of the config says "
+     "R = 8..13, Z = -0.015..0.015 mm"),
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def good_mesh(tmp_path_factory):
+    """Text of a mesh that fits the strips of BASE."""
+    from dealib.config import load
+    from dealib.geometry import model
+
+    folder = tmp_path_factory.mktemp("mesh")
+    (folder / "case.yaml").write_text(BASE.replace("  air_height: 6 mm\n", ""))
+    model.write(load(folder / "case.yaml").config, folder / "good.msh")
+    return (folder / "good.msh").read_text()
+
+
+@pytest.mark.parametrize(("change", "expected"), [m[1:] for m in MESHES],
+                         ids=[m[0] for m in MESHES])  # fmt: skip
+def test_bad_mesh_file(dealib, tmp_path, good_mesh, change, expected):
+    outer = "13 mm" if "spans" in expected else "12 mm"
+    text = BASE.replace("  air_height: 6 mm\n", "").replace("12 mm", outer)
+    (tmp_path / "case.yaml").write_text(text.replace("columns: 8", "file: mine.msh"))
+    (tmp_path / "mine.msh").write_text(change(good_mesh))
+    old = tmp_path / "out"
+    old.mkdir()
+    (old / "run.json").write_text(json.dumps({"name": "an earlier run"}))
+    before = snapshot(tmp_path)
+    code, _, err = dealib("run", "case.yaml", "--out", "out", "--overwrite")
+    assert code == 2
+    assert err.startswith(f"dealib: mesh.file mine.msh: {expected}")
+    assert len(err.splitlines()) == 1
+    assert snapshot(tmp_path) == before
+
+
+# --- the same from outside -----------------------------------------------------------------------
+
+
+def command(*arguments, cwd, env=None):
+    return subprocess.run(
+        [sys.executable, "-m", "dealib", *map(str, arguments)],
+        cwd=cwd, capture_output=True, text=True, check=False,
+        env=os.environ | {"PYTHONPATH": str(ROOT)} | (env or {}),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("arguments", [
+    ["check", "case.yaml"], ["run", "case.yaml"], ["run", "case.yaml", "--foo"], ["fly"],
+    ["run", "no.yaml"], ["mesh", "case.yaml", "--set", "mesh"], ["info", "nowhere"],
+])  # fmt: skip
+def test_from_outside(tmp_path, arguments):
+    (tmp_path / "case.yaml").write_text(BASE.replace("12 mm", "7 mm"))
+    done = command(*arguments, cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("dealib: ")
+    assert "Traceback" not in done.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["case.yaml"]
+
+
+@pytest.mark.skipif(shutil.which("setpriv") is None or os.geteuid() != 0, reason="needs root")
+def test_unreadable_file(tmp_path):
+    path = tmp_path / "case.yaml"
+    path.write_text(BASE)
+    path.chmod(0o000)
+    tmp_path.chmod(0o755)
+    for parent in tmp_path.parents[:2]:
+        parent.chmod(0o755)
+    done = subprocess.run(
+        ["setpriv", "--reuid", "65534", sys.executable, "-m", "dealib", "check", str(path)],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr == f"dealib: {path}: cannot read the config: Permission denied\n"
+
+
+def test_light_commands_import_nothing_heavy():
+    """`check`, `schema` and `--help` import no dolfinx, pandas, matplotlib; check is quick."""
+    code = (
+        "import sys, time; from dealib.__main__ import main\n"
+        "try: main()\nexcept SystemExit as stop: assert stop.code == 0\n"
+        "heavy = {'dolfinx', 'petsc4py', 'mpi4py', 'pandas', 'matplotlib', 'pyvista', 'vtk',"
+        " 'gmsh', 'lmfit', 'h5py'}\n"
+        "print(time.perf_counter() - STARTED, heavy & set(sys.modules), file=sys.stderr)"
+    )
+    code = "import time; STARTED = time.perf_counter()\n" + code
+    for limit, arguments in [
+        (1.0, ["check", "configs/deap100.yaml"]), (1.0, ["schema"]), (0.3, ["--help"]),
+    ]:  # fmt: skip
+        best = 10.0
+        for _ in range(3):  # the machine may be busy with other tests
+            done = subprocess.run(
+                [sys.executable, "-c", code, *arguments],
+                cwd=ROOT, capture_output=True, text=True, check=True,
+            )  # fmt: skip
+            seconds, heavy = done.stderr.split(maxsplit=1)
+            assert heavy.strip() == "set()"
+            best = min(best, float(seconds))
+        assert best < limit

@@ -1,0 +1,127 @@
+"""Schema, reference page and templates: current, and in agreement with what `check` accepts."""
+
+import json
+from pathlib import Path
+
+import jsonschema
+import pytest
+from conftest import CONFIGS
+from ruamel.yaml import YAML
+from typer.testing import CliRunner
+
+import dealib
+from dealib.cli.app import app
+from dealib.config.reference import MODELINE, json_text, reference
+from dealib.config.templates import TEMPLATES
+
+VALIDATOR = jsonschema.Draft202012Validator(json.loads(json_text()))
+
+
+def read(text):
+    return YAML(typ="safe", pure=True).load(text)
+
+
+def call(*arguments):
+    done = CliRunner().invoke(app, list(map(str, arguments)))
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def test_committed_files_are_current():
+    again = "run: dealib schema [--reference] --overwrite --out FILE"
+    assert (CONFIGS / "dealib.schema.json").read_text() == json_text(), again
+    assert (CONFIGS / "REFERENCE.md").read_text() == reference(), again
+    assert call("schema") == json_text()
+    assert call("schema", "--reference") == reference()
+
+
+def test_schema_is_valid_and_describes_every_key():
+    jsonschema.Draft202012Validator.check_schema(VALIDATOR.schema)
+    for name, section in VALIDATOR.schema["$defs"].items():
+        for key, value in section.get("properties", {}).items():
+            assert "description" in value or "$ref" in value or "const" in value, (name, key)
+    clamps = VALIDATOR.schema["$defs"]["Clamps"]["properties"]
+    assert clamps["width"]["description"] == "radial width of each block (length, such as '30 um')"
+    assert VALIDATOR.schema["$defs"]["Stage"]["properties"]["duration"]["default"] == "1 s"
+
+
+@pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda p: p.stem)
+def test_shipped_configs_meet_the_schema(path):
+    assert path.read_text().splitlines()[0] == MODELINE
+    assert list(VALIDATOR.iter_errors(read(path.read_text()))) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("inner_radius: 8.35 mm", "inner_radius: 8.35"),
+        ("inner_radius", "inner_radios"),
+        ("columns: 60", "columns: 61"),
+        ("grading: ends", "grading: end"),
+        ("law: neo_hookean", "law: neohookean"),
+        ("youngs_modulus: 1 MPa", "shear_modulus: 1 MPa"),
+        ("youngs_modulus: 1 MPa", "youngs_modulus: 1 MPa\n    shear_modulus: 1 MPa"),
+        ("prestretch: 1.15", "prestretch: [1.1, 1.2, 1.3]"),
+        ("- {stage: prestrain, steps: 2}", "- {steps: 2}"),
+    ],
+)
+def test_schema_refuses_what_check_refuses(tmp_path, old, new):
+    text = (CONFIGS / "deap100.yaml").read_text()
+    assert old in text
+    text = text.replace(old, new, 1)
+    assert not VALIDATOR.is_valid(read(text))
+    (tmp_path / "case.yaml").write_text(text)
+    with pytest.raises(dealib.ConfigError):
+        dealib.load(tmp_path / "case.yaml")
+
+
+def test_schema_takes_a_laws_own_parameters():
+    law = "shear_modulus: 1 MPa\n    bulk_modulus: 50 MPa"
+    text = (CONFIGS / "deap100.yaml").read_text().replace("youngs_modulus: 1 MPa", law)
+    assert VALIDATOR.is_valid(read(text))
+
+
+def test_reference_lists_every_key():
+    text = reference()
+
+    def keys(node):
+        if isinstance(node, dict):
+            yield from node.get("properties", {})
+            for value in node.values():
+                yield from keys(value)
+
+    for key in set(keys(VALIDATOR.schema)):
+        assert f"| `{key}` |" in text, key
+
+
+@pytest.mark.parametrize("name", list(TEMPLATES))
+def test_templates_check_and_run(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    assert call("init", "--template", name) == f"{name}.yaml: next, dealib run {name}.yaml\n"
+    text = Path(f"{name}.yaml").read_text()
+    assert text.splitlines()[0] == MODELINE
+    assert Path("dealib.schema.json").read_text() == json_text()
+    assert list(VALIDATOR.iter_errors(read(text))) == []
+    assert call("check", f"{name}.yaml").startswith(f"{name}.yaml: valid; {name}: prestrain, ")
+    last = len(dealib.load(f"{name}.yaml").config.program) - 1
+    small = {"mesh.columns": 12, "mesh.film_rows": 1, f"program.{last}.steps": 2}
+    history = dealib.simulate(dealib.load(f"{name}.yaml", set=small)).history
+    assert history["stage"].iloc[-1] == "actuate"
+    assert history["voltage_kV"].max() == {"deap": 2.5, "benchmark": 2.5, "membrane": 5}[name]
+    assert history["field_max_MV_per_m"].max() > 60
+
+
+@pytest.mark.parametrize("name", list(TEMPLATES))
+def test_templates_offer_keys_that_exist(tmp_path, name):
+    """Each commented key with a default can be taken in as it stands."""
+    from dealib.config.templates import template
+
+    text = template(name)
+    for section in ("physics", "solver"):
+        start = text.index(f"# {section}:")
+        block = text[start : text.index("\n\n", start)]
+        text = text.replace(block, "\n".join(line[2:] for line in block.splitlines()))
+    path = tmp_path / "case.yaml"
+    path.write_text(text)
+    (tmp_path / "plain.yaml").write_text(template(name))
+    assert dealib.load(path).config == dealib.load(tmp_path / "plain.yaml").config
