@@ -11,6 +11,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from dealib.errors import NotConverged
+from dealib.fem.compat import DIVERGED_NAN
 from dealib.fem.constraints import FIELDS
 from dealib.fem.problem import Problem
 from dealib.fem.system import System, Timings
@@ -103,7 +104,7 @@ class Newton:
             )
             known = {
                 Reason.DIVERGED_MAX_IT: "no convergence within the iterations allowed",
-                Reason.DIVERGED_FNORM_NAN: "an element turned inside out",
+                DIVERGED_NAN: "an element turned inside out",
                 Reason.DIVERGED_LINEAR_SOLVE: "the tangent is singular",
             }
             what = known.get(reason, f"SNES reason {reason}")
@@ -157,7 +158,7 @@ class Newton:
         """Every field, and every port, within its own tolerance."""
         residual = self.system.residual_vector
         if not math.isfinite(norms[2]):
-            return Reason.DIVERGED_FNORM_NAN
+            return DIVERGED_NAN
         self._norms = self.system.field_norms(residual)
         ports = self.system.map.port_values(residual)
         limits = {
