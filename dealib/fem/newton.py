@@ -78,7 +78,8 @@ class Newton:
         self._snes.setFunction(self._residual, self.system.residual_vector)
         self._snes.setJacobian(self._tangent, self.system.matrix)
         self._snes.setConvergenceTest(self._test)
-        self._snes.setTolerances(max_it=solver.max_iterations)
+        # `_test` alone decides; PETSc 3.25 would take a failed line search for a small step
+        self._snes.setTolerances(stol=0.0, max_it=solver.max_iterations)
         self._snes.setFromOptions()
         self._factored = False
         self._logged = 0.0
