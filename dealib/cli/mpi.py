@@ -12,12 +12,14 @@ from dealib.errors import PlatformError
 
 # Open MPI refuses to run as root unless told twice, and to run more ranks than there are cores
 # (named differently in its versions 4 and 5); other MPIs ignore these.
-OPEN_MPI = {
+_OPEN_MPI = {
     "OMPI_ALLOW_RUN_AS_ROOT": "1",
     "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
     "OMPI_MCA_rmaps_base_oversubscribe": "1",
     "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
 }
+# What Open MPI leaves to the children of a Python that has started it, such as a notebook's.
+_LEFT_BEHIND = ("PMIX_", "PMI_", "ORTE_", "OMPI_MCA_ess", "OMPI_MCA_orte", "OMPI_MCA_pmix")
 
 
 def launch(ranks: int) -> NoReturn:
@@ -26,7 +28,13 @@ def launch(ranks: int) -> NoReturn:
     program = mpirun()
     command = [program, "-n", str(ranks), sys.executable, "-m", "dealib", *arguments]
     sys.stdout.flush()
-    os.execve(program, command, {**os.environ, **OPEN_MPI})
+    os.execve(program, command, environment())
+
+
+def environment() -> dict[str, str]:
+    """Environment in which mpirun starts whatever this process is."""
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(_LEFT_BEHIND)}
+    return kept | _OPEN_MPI
 
 
 def mpirun() -> str:
