@@ -5,25 +5,49 @@ from __future__ import annotations
 import os
 import shutil
 import sys
+from pathlib import Path
 from typing import NoReturn
 
 from dealib.errors import PlatformError
 
+# Open MPI refuses to run as root unless told twice, and to run more ranks than there are cores
+# (named differently in its versions 4 and 5); other MPIs ignore these.
+_OPEN_MPI = {
+    "OMPI_ALLOW_RUN_AS_ROOT": "1",
+    "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+    "OMPI_MCA_rmaps_base_oversubscribe": "1",
+    "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+}
+# What Open MPI leaves to the children of a Python that has started it, such as a notebook's.
+_LEFT_BEHIND = ("PMIX_", "PMI_", "ORTE_", "OMPI_MCA_ess", "OMPI_MCA_orte", "OMPI_MCA_pmix")
+
 
 def launch(ranks: int) -> NoReturn:
     """Replace this process by mpirun of the same command line, without its `--mpi`."""
-    mpirun = shutil.which("mpirun")
-    if mpirun is None:
-        raise PlatformError("--mpi needs mpirun (Debian: apt install openmpi-bin)")
     arguments = without_option(sys.argv[1:], "--mpi")
-    environment = dict(os.environ)
-    if os.geteuid() == 0:  # Open MPI refuses to run as root unless told twice
-        environment["OMPI_ALLOW_RUN_AS_ROOT"] = "1"
-        environment["OMPI_ALLOW_RUN_AS_ROOT_CONFIRM"] = "1"
-    command = [mpirun, "-n", str(ranks), "--oversubscribe"]
-    command += [sys.executable, "-m", "dealib", *arguments]
+    program = mpirun()
+    command = [program, "-n", str(ranks), sys.executable, "-m", "dealib", *arguments]
     sys.stdout.flush()
-    os.execve(mpirun, command, environment)
+    os.execve(program, command, environment())
+
+
+def environment() -> dict[str, str]:
+    """Environment in which mpirun starts whatever this process is."""
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(_LEFT_BEHIND)}
+    return kept | _OPEN_MPI
+
+
+def mpirun() -> str:
+    """The mpirun of the MPI that this Python's mpi4py uses.
+
+    Raises:
+        PlatformError: If there is none.
+    """
+    beside = Path(sys.executable).with_name("mpirun")  # MPI installed by pip, else the system's
+    found = str(beside) if beside.exists() else shutil.which("mpirun")
+    if found is None:
+        raise PlatformError("--mpi needs mpirun (Debian: apt install openmpi-bin)")
+    return found
 
 
 def without_option(arguments: list[str], option: str) -> list[str]:

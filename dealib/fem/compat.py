@@ -1,4 +1,7 @@
-"""The only module that knows which dolfinx is installed: 0.5.2, 0.9, 0.10 or 0.11."""
+"""The only module that knows which dolfinx is installed: 0.5.2, 0.9, 0.10 or 0.11.
+
+`dealib.fem` imports it before anything else, since the order in which libraries load matters.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +19,8 @@ from typing import Any
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(_name, "1")
 
+from mpi4py import MPI as _MPI  # noqa: E402, F401 - finds the MPI that dolfinx's wheel needs
+
 _setdlopenflags = sys.setdlopenflags
 sys.setdlopenflags = lambda flags: None  # dolfinx 0.5 asks for RTLD_GLOBAL: VTK would abort
 _root_level = logging.getLogger().level
@@ -23,6 +28,8 @@ import dolfinx  # noqa: E402
 
 sys.setdlopenflags = _setdlopenflags
 logging.getLogger().setLevel(logging.WARNING)  # ffcx 0.5 turns its INFO lines on at import
+
+from petsc4py import PETSc  # noqa: E402
 
 import numpy as np  # noqa: E402
 import numpy.typing as npt  # noqa: E402
@@ -60,6 +67,14 @@ else:
     def mixed_element(elements: list[Any]) -> Any:
         """Element of a monolithic space."""
         return basix.ufl.mixed_element(list(elements))
+
+
+_reasons = vars(PETSc.SNES.ConvergedReason)
+DIVERGED_NAN: int = next(
+    _reasons[name]
+    for name in ("DIVERGED_FNORM_NAN", "DIVERGED_FUNCTION_NANORINF")  # PETSc renamed it
+    if name in _reasons
+)
 
 
 @contextmanager

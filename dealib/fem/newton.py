@@ -11,6 +11,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from dealib.errors import NotConverged
+from dealib.fem.compat import DIVERGED_NAN
 from dealib.fem.constraints import FIELDS
 from dealib.fem.problem import Problem
 from dealib.fem.system import System, Timings
@@ -77,7 +78,8 @@ class Newton:
         self._snes.setFunction(self._residual, self.system.residual_vector)
         self._snes.setJacobian(self._tangent, self.system.matrix)
         self._snes.setConvergenceTest(self._test)
-        self._snes.setTolerances(max_it=solver.max_iterations)
+        # `_test` alone decides; PETSc 3.25 would take a failed line search for a small step
+        self._snes.setTolerances(stol=0.0, max_it=solver.max_iterations)
         self._snes.setFromOptions()
         self._factored = False
         self._logged = 0.0
@@ -103,7 +105,7 @@ class Newton:
             )
             known = {
                 Reason.DIVERGED_MAX_IT: "no convergence within the iterations allowed",
-                Reason.DIVERGED_FNORM_NAN: "an element turned inside out",
+                DIVERGED_NAN: "an element turned inside out",
                 Reason.DIVERGED_LINEAR_SOLVE: "the tangent is singular",
             }
             what = known.get(reason, f"SNES reason {reason}")
@@ -157,7 +159,7 @@ class Newton:
         """Every field, and every port, within its own tolerance."""
         residual = self.system.residual_vector
         if not math.isfinite(norms[2]):
-            return Reason.DIVERGED_FNORM_NAN
+            return DIVERGED_NAN
         self._norms = self.system.field_norms(residual)
         ports = self.system.map.port_values(residual)
         limits = {

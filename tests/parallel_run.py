@@ -1,0 +1,55 @@
+"""Runs configs on the ranks of one mpirun, and says how their parts are split over the ranks.
+
+Started by test_parallel.py: python -m mpi4py parallel_run.py DIRECTORY CONFIG...
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+from mpi4py import MPI
+
+import numpy as np
+
+import dealib
+from dealib.fem import compat
+from dealib.program import Simulation, simulate
+
+PARTS = ("film_top", "film_bottom", "inner", "outer", "film", "top_electrode")
+
+
+class Split:
+    """An observer that writes, for each named part, how many entities each rank owns."""
+
+    def __init__(self, directory: Path) -> None:
+        self.path = directory / "split.json"
+
+    def start(self, simulation: Simulation) -> None:
+        device, comm = simulation.problem.device, simulation.comm
+        cells_of = device.mesh.topology.connectivity(1, 2)
+        owned = compat.local_cells(device.mesh)
+
+        def mine(name: str) -> int:
+            entities = device.entities(name)
+            if device.groups[name][0] == 2:
+                return int(np.sum(entities < owned))
+            return sum(int(cells_of.links(facet).min() < owned) for facet in entities)
+
+        counts = comm.gather({name: mine(name) for name in PARTS}, root=0)
+        if comm.rank == 0:
+            split = {name: [of_rank[name] for of_rank in counts] for name in PARTS}
+            self.path.write_text(json.dumps(split))
+
+    def see(self, state: object) -> None:
+        pass
+
+    def stop(self, error: BaseException | None) -> None:
+        pass
+
+
+if __name__ == "__main__":
+    for config in map(Path, sys.argv[2:]):
+        directory = Path(sys.argv[1]) / config.stem
+        simulate(dealib.load(config), directory, observers=[Split(directory)], comm=MPI.COMM_WORLD)
