@@ -20,8 +20,10 @@ README = Path(__file__).parents[2] / "README.md"
 
 def main() -> int:
     """Run the wanted cases; returns an exit code."""
-    parser = argparse.ArgumentParser(prog="setup/verify", description=__doc__)
-    parser.description = "Checks dealib against known solutions; exit code 1 if a row fails."
+    parser = argparse.ArgumentParser(
+        prog="setup/verify",
+        description="Checks dealib against known solutions; exit code 1 if a row fails.",
+    )
     parser.add_argument("cases", nargs="*", help="names or patterns such as 'membrane-*'")
     parser.add_argument("--fast", action="store_true", help="only the cases of the default suite")
     parser.add_argument("--list", action="store_true", help="list the cases and stop")
@@ -62,7 +64,7 @@ def _rows(case: Case) -> list[Row]:
     try:
         rows.extend(case.rows())
     except DealibError as error:
-        rows.append(Row(case.name, f"stopped: {error}", 0.0, float("nan"), 0.0, ""))
+        rows.append(Row(case.name, f"stopped: {error}", 0.0, float("nan"), 0.0, "", "absolute"))
     return rows
 
 
@@ -70,8 +72,8 @@ def _print(rows: list[Row]) -> None:
     table = Table(*HEADER)
     for row in rows:
         table.add_row(*row.cells, style=None if row.passed else "red")
-    console = Console()
-    Console(width=None if console.is_terminal else 240).print(table)
+    terminal = Console().is_terminal  # a file or a pipe has no width
+    Console(width=None if terminal else 240).print(table)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from mpi4py import MPI
@@ -56,20 +57,31 @@ class Bench:
         """Prescribe ports (`mount` in mm, `terminal` in kV), in equal steps from where they are."""
         start = self.system.map.port_values(self.system.q)
 
-        def apply(at: float) -> None:
-            for port, end in values.items():
-                self.system.ports[port] = PortLaw(value=start[port] + at * (end - start[port]))
+        def law(port: str, at: float) -> PortLaw:
+            return PortLaw(value=start[port] + at * (values[port] - start[port]))
 
-        targets = [k / steps for k in range(1, steps + 1)]
-        increments = Increments(self.newton, self.problem.config.solver)
-        for _ in increments.run(targets, {1.0}, apply, lambda at: f"{values} at {at:g}"):
-            pass
-        return self
+        return self._ramp(steps, lambda at: {port: law(port, at) for port in values})
 
     def charge_to(self, charge: float) -> Bench:
-        """Prescribe the charge on the terminal, uC."""
-        self.system.ports["terminal"] = PortLaw(load=-charge)
-        self.newton.solve()
+        """Prescribe the charge on the terminal, uC, from where it is."""
+        start = self.charge
+
+        def law(at: float) -> PortLaw:
+            return PortLaw(load=-start - at * (charge - start))
+
+        return self._ramp(1, lambda at: {"terminal": law(at)})
+
+    def _ramp(self, steps: int, laws: Callable[[float], dict[str, PortLaw]]) -> Bench:
+        """Follow the ports' equations from 0 to 1, in smaller steps where Newton fails."""
+        increments = Increments(self.newton, self.problem.config.solver)
+        targets = [k / steps for k in range(1, steps + 1)]
+        for _ in increments.run(
+            targets,
+            {1.0},
+            lambda at: self.system.ports.update(laws(at)),
+            lambda at: f"stopped at {at:g} of the ramp",
+        ):
+            pass
         return self
 
     @property

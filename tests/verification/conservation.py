@@ -1,14 +1,15 @@
 """What a potential implies: duals are its derivatives, reciprocity, no net work in a closed cycle.
 
-At equilibrium Pi(U, V) = elastic - electric energy, with F = dPi/dU and Q = -dPi/dV. Derivatives are
-central differences of fourth order. The cycle is a rectangle in (U, V); the work of the mount along
-its sides of constant V is a Gauss-Legendre integral of F, that of the terminal along the sides of
-constant U is [V Q] less that of Q.
+At equilibrium Pi(U, V) = elastic - electric energy, with F = dPi/dU and Q = -dPi/dV. Derivatives
+are central differences of fourth order. The cycle is a rectangle in (U, V); the work of the mount
+along its sides of constant V is a Gauss-Legendre integral of F, that of the terminal along the
+sides of constant U is [V Q] less that of Q.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -69,7 +70,7 @@ def cycle() -> Iterator[Row]:
     points, weights = np.polynomial.legendre.leggauss(POINTS)
     work = largest = 0.0
     corners = [(-1.0, 0.0), (U, 0.0), (U, V), (-1.0, V), (-1.0, 0.0)]
-    for (u0, v0), (u1, v1) in zip(corners[:-1], corners[1:], strict=True):
+    for (u0, v0), (u1, v1) in pairwise(corners):
         charge = bench.charge
         for x, w in zip(points, weights, strict=True):
             s = (1 + x) / 2

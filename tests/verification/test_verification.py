@@ -1,6 +1,7 @@
 """Every row of the verification table; the long cases are marked slow."""
 
 import pytest
+
 from verification.cases import CASES
 from verification.table import BEGIN, END, Row, markdown, write_into
 
