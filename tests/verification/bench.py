@@ -62,14 +62,15 @@ class Bench:
 
         return self._ramp(steps, lambda at: {port: law(port, at) for port in values})
 
-    def charge_to(self, charge: float) -> Bench:
-        """Prescribe the charge on the terminal, uC, from where it is."""
-        start = self.charge
+    def load(self, *, steps: int = 1, **duals: float) -> Bench:
+        """Prescribe duals of ports (`mount`: force in N, `terminal`: charge in uC) likewise."""
+        start = {"mount": self.force, "terminal": self.charge}
+        sign = {"mount": 1.0, "terminal": -1.0}
 
-        def law(at: float) -> PortLaw:
-            return PortLaw(load=-start - at * (charge - start))
+        def law(port: str, at: float) -> PortLaw:
+            return PortLaw(load=sign[port] * (start[port] + at * (duals[port] - start[port])))
 
-        return self._ramp(1, lambda at: {"terminal": law(at)})
+        return self._ramp(steps, lambda at: {port: law(port, at) for port in duals})
 
     def _ramp(self, steps: int, laws: Callable[[float], dict[str, PortLaw]]) -> Bench:
         """Follow the ports' equations from 0 to 1, in smaller steps where Newton fails."""
@@ -83,6 +84,11 @@ class Bench:
         ):
             pass
         return self
+
+    @property
+    def displacement(self) -> float:
+        """Of the mount, mm."""
+        return self.system.map.port_values(self.system.q)["mount"]
 
     @property
     def voltage(self) -> float:

@@ -107,7 +107,7 @@ def _rows(name: str, second: float, peak: tuple[float, float]) -> Iterator[Row]:
     for l in (1.15, 1.26, 1.6):
         phi = np.sqrt((l**-2 - l**-8) * (1 - second + second * l**2))
         charge = charge_at(phi, l)
-        bench.charge_to(charge)
+        bench.load(terminal=charge)
         voltage, exact, gain = closed_form(second, kappa, charge, l)
         case = f"free block, {name}, kappa/mu = 50, l = {exact:.3f}"
         computed = charge / bench.voltage / (EPSILON * np.pi * 75 / THICKNESS)
@@ -122,12 +122,12 @@ def _rows(name: str, second: float, peak: tuple[float, float]) -> Iterator[Row]:
     top = charge_at(phi_peak, l_peak)
 
     def drop(charge: float) -> float:
-        return -normalised(bench.charge_to(charge).voltage)
+        return -normalised(bench.load(terminal=charge).voltage)
 
     best = minimize_scalar(drop, bounds=(0.9 * top, 1.1 * top), method="bounded")
     case = f"free block, {name}, kappa/mu = 1e5"
     yield Row(case, "peak phi~", phi_peak, -best.fun, 1e-5, "closed form, incompressible")
-    bench.charge_to(top)
+    bench.load(terminal=top)
     for quantity, reference, value in (
         ("l at the peak's charge", l_peak, stretch(bench)),
         ("C/C0 at the peak's charge", l_peak**4, top / bench.voltage / charge_at(1, 1) * _kv()),
