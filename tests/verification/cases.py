@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-from verification import conservation, free_block, manufactured, membrane, sphere, strips
+from verification import (
+    conservation,
+    free_block,
+    manufactured,
+    membrane,
+    mesh_convergence,
+    sphere,
+    strips,
+)
 from verification.table import Case
 
 CASES = (
@@ -24,4 +32,5 @@ CASES = (
     Case("manufactured-neo_hookean", manufactured.neo_hookean, slow=True),
     Case("manufactured-mooney_rivlin", manufactured.mooney_rivlin),
     Case("manufactured-linear", manufactured.linear, slow=True),
+    Case("mesh_convergence", mesh_convergence.rows),
 )

@@ -51,11 +51,10 @@ class Sheet:
         return text + (f", electrodes {self.electrodes:g} h" if self.electrodes else "")
 
     def layers(self, thinness: float) -> tuple[Layer, ...]:
-        """Film and electrodes (three times as stiff) at H/a."""
+        """Film and electrodes (three times as stiff) at H/a, H of all layers together."""
         c10, c01 = MU / 2 * (1 - self.second), MU / 2 * self.second
-        film = Layer(
-            thinness * RADIUS, c10, c01, self.kappa * MU, self.prestretch, permittivity=EPSILON
-        )
+        thickness = thinness * RADIUS / (1 + self.electrodes)
+        film = Layer(thickness, c10, c01, self.kappa * MU, self.prestretch, permittivity=EPSILON)
         if not self.electrodes:
             return (film,)
         thickness = self.electrodes * film.mounted_thickness
@@ -63,7 +62,7 @@ class Sheet:
 
     def voltage(self, thinness: float) -> float:
         """In kV."""
-        return float(self.phi * thinness * RADIUS * np.sqrt(MU / EPSILON))
+        return float(self.phi * self.layers(thinness)[0].thickness * np.sqrt(MU / EPSILON))
 
     def limit(self, thinness: float) -> tuple[float, float]:
         """Force (N) and capacitance (nF) of the membrane."""

@@ -77,12 +77,12 @@ def rates(grading: str) -> list[float]:
 
 
 def rows() -> Iterator[Row]:
-    """What the shipped mesh, 60 graded columns, leaves as error; and that grading pays."""
+    """What the shipped mesh, 60 graded columns, leaves as error."""
     case, source = "mesh, deap100 at -0.3 N, 60 graded columns", f"{REFERENCE} graded columns"
     reference, shipped = solve("ends", REFERENCE), solve("ends", 60)
     for name, wanted, value in zip(QUANTITIES, reference.values, shipped.values, strict=True):
         unit = "mm" if name == "displacement" else "MPa"
-        yield Row(case, f"{name}, {unit}", wanted, value, 2e-3, source)
+        yield Row(case, f"{name}, {unit}", wanted, value, 1e-3, source)
 
 
 def study(picture: Path) -> str:
@@ -92,7 +92,7 @@ def study(picture: Path) -> str:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(2, 3, figsize=(15, 8), layout="constrained")
+    figure, axes = plt.subplots(2, 3, figsize=(15, 8), layout="constrained", sharey="col")
     lines = ["| mesh | elements | u (mm) | S1 | S2 | S3 (MPa) | time (s) |", "|---|" + "--:|" * 6]
     for row, (grading, title) in enumerate((("uniform", "uniform"), ("ends", "graded"))):
         meshes = [solve(grading, n) for n in COLUMNS]
@@ -106,12 +106,12 @@ def study(picture: Path) -> str:
         clock.set(ylabel="processor time (s), dotted")
         middle.plot(elements, values[:, 1:], "o-", label=[f"point {k}" for k in (1, 2, 3)])
         middle.set(ylabel=r"$\sigma_{rr}$ (MPa)")
-        middle.legend()
+        middle.legend(loc="center right", bbox_to_anchor=(1, 0.8 if row else 0.36))
         slopes = rates(grading)
         for name, error, slope in zip(QUANTITIES, found.T, slopes, strict=True):
             right.loglog(elements, error, "o-", label=f"{name}, rate {slope:.1f}")
         right.set(ylabel=f"error against {REFERENCE} graded columns")
-        right.legend(fontsize=8)
+        right.legend(fontsize=8, loc="lower left")
         for axis in (left, middle, right):
             axis.set(xlabel="elements", title=title)
             axis.grid(alpha=0.3)
@@ -122,10 +122,6 @@ def study(picture: Path) -> str:
     m = solve("ends", REFERENCE)
     numbers = " | ".join(f"{v:.6g}" for v in m.values)
     lines.append(f"| graded | {m.elements} | {numbers} | {m.seconds:.2f} |")
-    for column in range(2):  # the same windows for both meshes, as far as the finer ones need
-        limits = [axes[row, column].get_ylim() for row in range(2)]
-        for row in range(2):
-            axes[row, column].set_ylim(min(l for l, _ in limits), max(h for _, h in limits))
     figure.savefig(picture, dpi=120)
     plt.close(figure)
     return "\n".join(lines)
