@@ -49,6 +49,14 @@ class Device:
     facet_tags: Any
     groups: dict[str, tuple[int, int]]
 
+    @classmethod
+    def from_gmsh(cls, model: Any, comm: MPI.Comm) -> Device:
+        """Distribute a meshed Gmsh model from rank 0 (None elsewhere)."""
+        device = cls(*compat.from_gmsh(model, comm))
+        for dim in (1, 2):
+            device.mesh.topology.create_connectivity(dim, 2)
+        return device
+
     def entities(self, name: str) -> Ints:
         """Local cells or facets of a named region or boundary (ghosts included)."""
         dim, tag = self.groups[name]
@@ -127,18 +135,16 @@ def build_device(config: Config, comm: MPI.Comm, save: Path | None = None) -> De
                 if save is not None:
                     gmsh.write(str(save))
                 comm.bcast(None, root=0)
-                result = Device(*compat.from_gmsh(gmsh.model, comm))
+                result = Device.from_gmsh(gmsh.model, comm)
         except DealibError as caught:
             error = comm.bcast(caught, root=0)
     else:
         error = comm.bcast(None, root=0)
         if error is None:
-            result = Device(*compat.from_gmsh(None, comm))
+            result = Device.from_gmsh(None, comm)
     if error is not None:
         raise error
     assert result is not None
-    for dim in (1, 2):
-        result.mesh.topology.create_connectivity(dim, 2)
     return result
 
 

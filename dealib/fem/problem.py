@@ -27,7 +27,7 @@ from dealib.fem.energies import (
 )
 from dealib.fem.kinematics import Axisymmetric
 from dealib.geometry import names
-from dealib.geometry.supports import supports
+from dealib.geometry.supports import Support, supports
 from dealib.materials import Law, invariants_of_stretches, thickness_stretch
 from dealib.units import EPSILON_0
 
@@ -148,7 +148,18 @@ def build_problem(config: Config, comm: MPI.Comm, mesh_file: Path | None = None)
         comm: MPI communicator.
         mesh_file: Where to write the mesh, if anywhere.
     """
-    device = build_device(config, comm, mesh_file)
+    return problem_on(build_device(config, comm, mesh_file), config, supports(config.geometry))
+
+
+def problem_on(device: Device, config: Config, held: list[Support]) -> Problem:
+    """The same on any device, with supports of its own (collective).
+
+    Args:
+        device: A mesh with the names of dealib's regions; it need not be the config's geometry,
+            which then only gives the sizes that residuals are compared with.
+        config: Materials, order and solver.
+        held: What is held and driven; where two meet, the later one holds.
+    """
     spaces = build_spaces(device, config.mesh.order)
     mesh, m, g = device.mesh, config.materials, config.geometry
     prestretch = constant(mesh, [1.0, 1.0, 1.0])
@@ -170,7 +181,7 @@ def build_problem(config: Config, comm: MPI.Comm, mesh_file: Path | None = None)
         config=config,
         device=device,
         spaces=spaces,
-        constraints=build(device, spaces, supports(g)),
+        constraints=build(device, spaces, held),
         kinematics=Axisymmetric(mesh),
         elastic=elastic,
         electric=electric,

@@ -1,0 +1,130 @@
+"""A problem on the test bench: ports set by hand, measured through the real solver."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from mpi4py import MPI
+
+from dealib.config.schema import Config
+from dealib.fem.newton import Newton
+from dealib.fem.problem import Problem, build_problem
+from dealib.fem.system import PortLaw, Timings
+from dealib.program.increments import Increments
+
+
+def config(geometry: dict[str, Any], film: dict[str, Any], **sections: Any) -> Config:
+    """A config of strips from plain numbers: mm and MPa."""
+    return Config.model_validate(
+        {
+            "name": "bench",
+            "geometry": {"electrode_thickness": "0 mm"} | _in(geometry, "mm"),
+            "materials": {
+                "film": {"relative_permittivity": 3.0} | _in(film, "MPa"),
+                **{k: _in(v, "MPa") for k, v in sections.pop("materials", {}).items()},
+            },
+            "program": [{"stage": "rest"}],
+            **sections,
+        }
+    )
+
+
+_PLAIN = ("relative_permittivity", "prestretch", "law")
+
+
+def _in(section: dict[str, Any], unit: str) -> dict[str, Any]:
+    return {k: v if k in _PLAIN else f"{v!r} {unit}" for k, v in section.items()}
+
+
+class Bench:
+    """A problem at equilibrium, its ports moved by hand.
+
+    Args:
+        problem: The problem, or a config of strips.
+    """
+
+    def __init__(self, problem: Problem | Config) -> None:
+        if isinstance(problem, Config):
+            problem = build_problem(problem, MPI.COMM_WORLD)
+        self.problem = problem
+        self.newton = Newton(problem, Timings())
+        self.system = self.newton.system
+        problem.set_prestretch(1.0)
+        self.newton.solve()
+
+    def move(self, *, steps: int = 1, **values: float) -> Bench:
+        """Prescribe ports (`mount` in mm, `terminal` in kV), in equal steps from where they are."""
+        start = self.system.map.port_values(self.system.q)
+
+        def law(port: str, at: float) -> PortLaw:
+            return PortLaw(value=start[port] + at * (values[port] - start[port]))
+
+        return self._ramp(steps, lambda at: {port: law(port, at) for port in values})
+
+    def load(self, *, steps: int = 1, **duals: float) -> Bench:
+        """Prescribe duals of ports (`mount`: force in N, `terminal`: charge in uC) likewise."""
+        start = {"mount": self.force, "terminal": self.charge}
+        sign = {"mount": 1.0, "terminal": -1.0}
+
+        def law(port: str, at: float) -> PortLaw:
+            return PortLaw(load=sign[port] * (start[port] + at * (duals[port] - start[port])))
+
+        return self._ramp(steps, lambda at: {port: law(port, at) for port in duals})
+
+    def _ramp(self, steps: int, laws: Callable[[float], dict[str, PortLaw]]) -> Bench:
+        """Follow the ports' equations from 0 to 1, in smaller steps where Newton fails."""
+        increments = Increments(self.newton, self.problem.config.solver)
+        targets = [k / steps for k in range(1, steps + 1)]
+        for _ in increments.run(
+            targets,
+            {1.0},
+            lambda at: self.system.ports.update(laws(at)),
+            lambda at: f"stopped at {at:g} of the ramp",
+        ):
+            pass
+        return self
+
+    @property
+    def displacement(self) -> float:
+        """Of the mount, mm."""
+        return self.system.map.port_values(self.system.q)["mount"]
+
+    @property
+    def voltage(self) -> float:
+        """Of the terminal, kV."""
+        return self.system.map.port_values(self.system.q)["terminal"]
+
+    @property
+    def force(self) -> float:
+        """On the mount, N."""
+        return self.system.internal["mount"]
+
+    @property
+    def charge(self) -> float:
+        """On the terminal, uC."""
+        return -self.system.internal["terminal"]
+
+    @property
+    def elastic(self) -> float:
+        """Elastic energy, mJ."""
+        return self.problem.integrate("elastic")
+
+    @property
+    def potential(self) -> float:
+        """Total potential without the ports' work, elastic minus electric energy, mJ."""
+        return self.problem.integrate("elastic") + self.problem.integrate("electric")
+
+    def largest(self, quantity: str, where: str) -> float:
+        """Largest value of u_R, u_Z or phi on a named region or boundary (serial)."""
+        return float(self.values(quantity, where).max())
+
+    def values(self, quantity: str, where: str) -> Any:
+        """Nodal values of u_R, u_Z or phi on a named region or boundary (serial)."""
+        from dolfinx import fem
+
+        W = self.problem.spaces.W
+        space = {"u_R": W.sub(0).sub(0), "u_Z": W.sub(0).sub(1), "phi": W.sub(1)}[quantity]
+        dim, _ = self.problem.device.groups[where]
+        dofs = fem.locate_dofs_topological(space, dim, self.problem.device.entities(where))
+        return self.problem.spaces.w.x.array[dofs]

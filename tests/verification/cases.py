@@ -1,0 +1,36 @@
+"""All verification cases, in the order of the table."""
+
+from __future__ import annotations
+
+from verification import (
+    conservation,
+    free_block,
+    manufactured,
+    membrane,
+    mesh_convergence,
+    sphere,
+    strips,
+)
+from verification.table import Case
+
+CASES = (
+    Case("free_block-neo_hookean", free_block.neo_hookean),
+    Case("free_block-mooney_rivlin", free_block.mooney_rivlin),
+    Case("membrane-tabulated", membrane.tabulated, slow=True),
+    Case("membrane-voltage", membrane.voltage),
+    Case("membrane-no_voltage", membrane.no_voltage, slow=True),
+    Case("membrane-narrow", membrane.narrow, slow=True),
+    Case("membrane-mooney_rivlin", membrane.mooney_rivlin, slow=True),
+    Case("membrane-electrodes", membrane.electrodes, slow=True),
+    Case("membrane-thick_electrodes", membrane.thick_electrodes, slow=True),
+    Case("strips-alone", strips.alone),
+    Case("strips-in_air", strips.in_air, slow=True),
+    Case("strips-air_stiffness", strips.air_stiffness, slow=True),
+    Case("sphere", sphere.rows),
+    Case("conservation-derivatives", conservation.derivatives),
+    Case("conservation-cycle", conservation.cycle),
+    Case("manufactured-neo_hookean", manufactured.neo_hookean, slow=True),
+    Case("manufactured-mooney_rivlin", manufactured.mooney_rivlin),
+    Case("manufactured-linear", manufactured.linear, slow=True),
+    Case("mesh_convergence", mesh_convergence.rows),
+)

@@ -1,0 +1,122 @@
+"""Manufactured solutions: the orders at which the elements converge.
+
+On a patch of the meridian plane u and phi are given; the body force and the charge that belong to
+them are the divergences, in cylinder coordinates, of the stress P = dW/dF and of the electric
+displacement D = -dW/dE of dealib's own energies, taken by UFL. Added to the potential as one more
+energy, they make the given fields the exact solution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from dealib.config.schema import Config
+from dealib.fem import compat
+from dealib.fem.device import build_device
+from dealib.fem.problem import Problem, problem_on
+from dealib.geometry import names
+from dealib.geometry.supports import Support
+from verification.bench import Bench, config
+from verification.table import Row
+
+EDGES = (names.INNER, names.OUTER, names.FILM_TOP, names.FILM_BOTTOM)
+HELD = [Support(quantity, edge) for quantity in ("u_R", "u_Z", "phi") for edge in EDGES]
+
+
+@dataclass(frozen=True)
+class Sources:
+    """Work of body force and charge, as an energy (see `dealib.fem.energies.Energy`)."""
+
+    work: Any
+    kind: str = "film"
+
+    def density(self, F: Any, E: Any) -> Any:
+        """Negative work per mesh volume."""
+        return -self.work
+
+
+def exact(mesh: Any) -> tuple[Any, Any]:
+    """The given u (mm) and phi (kV), zero on the edges of the patch R = 1..2, Z = -1/2..1/2."""
+    R, Z = ufl.SpatialCoordinate(mesh)
+    bubble = ufl.sin(ufl.pi * (R - 1)) * ufl.cos(ufl.pi * Z)
+    u = ufl.as_vector([0.08 * bubble, 0.06 * bubble * (1 + Z) * R])
+    return u, 30 * bubble * (2 - R + Z / 2)
+
+
+def add_sources(problem: Problem) -> None:
+    """Add the body force and the charge of the given fields to a problem."""
+    mesh, k = problem.device.mesh, problem.kinematics
+    R = ufl.SpatialCoordinate(mesh)[0]
+    u, phi = exact(mesh)
+    F = ufl.variable(k.deformation_gradient(u))
+    E = ufl.variable(k.nominal_field(phi))
+    W = sum(energy.density(F, E) for energy in problem.elastic + problem.electric)
+    P, D = ufl.diff(W, F), -ufl.diff(W, E)
+    force = ufl.as_vector(
+        [
+            -(P[0, 0].dx(0) + P[0, 1].dx(1) + (P[0, 0] - P[2, 2]) / R),
+            -(P[1, 0].dx(0) + P[1, 1].dx(1) + P[1, 0] / R),
+        ]
+    )
+    charge = D[0].dx(0) + D[1].dx(1) + D[0] / R  # the work of -charge * phi
+    u_h, phi_h = ufl.split(problem.spaces.w)
+    problem.elastic.append(Sources(ufl.dot(force, u_h) - charge * phi_h))
+
+
+def patch(film: dict[str, Any], cells: int, order: int) -> Config:
+    """The patch, with as many cells either way."""
+    return config(
+        dict(inner_radius=1.0, outer_radius=2.0, film_thickness=1.0),
+        film,
+        mesh={"columns": cells, "film_rows": cells, "grading": "uniform", "order": order},
+    )
+
+
+def errors(film: dict[str, Any], cells: int, order: int) -> tuple[float, float]:
+    """L2 errors of u and phi over the norms of the given fields."""
+    given = patch(film, cells, order)
+    problem = problem_on(build_device(given, MPI.COMM_WORLD), given, HELD)
+    problem.set_prestretch(1.0)
+    add_sources(problem)
+    Bench(problem)
+    mesh = problem.device.mesh
+    dx = ufl.Measure("dx", domain=mesh, metadata={"quadrature_degree": 10})
+
+    def norm(f: Any) -> float:
+        return float(np.sqrt(fem.assemble_scalar(compat.form(ufl.inner(f, f) * dx))))
+
+    pairs = zip(ufl.split(problem.spaces.w), exact(mesh), strict=True)
+    u, phi = (norm(found - wanted) / norm(wanted) for found, wanted in pairs)
+    return u, phi
+
+
+def orders(film: dict[str, Any], order: int, cells: tuple[int, int]) -> Iterator[Row]:
+    """Measured orders of u and phi in the L2 norm between two meshes."""
+    coarse, fine = (errors(film, n, order) for n in cells)
+    case = f"manufactured, {film['law']}, order {order}, {cells[0]} to {cells[1]} cells"
+    for name, before, after in zip(("u", "phi"), coarse, fine, strict=True):
+        measured = float(np.log2(before / after) / np.log2(cells[1] / cells[0]))
+        quantity = f"order of {name} in L2, error {after:.1e} of its norm"
+        yield Row(case, quantity, order + 1, measured, 0.15, "theory", "absolute")
+
+
+NEO_HOOKEAN = {
+    "law": "neo_hookean",
+    "shear_modulus": 1.0,
+    "bulk_modulus": 10.0,
+    "prestretch": [1.2, 1.1],
+}
+MOONEY_RIVLIN = {"law": "mooney_rivlin", "c10": 0.4, "c01": 0.1, "bulk_modulus": 10.0}
+
+neo_hookean = partial(orders, NEO_HOOKEAN, 2, (16, 32))
+mooney_rivlin = partial(orders, MOONEY_RIVLIN, 2, (8, 16))
+linear = partial(orders, NEO_HOOKEAN, 1, (16, 32))

@@ -1,0 +1,36 @@
+"""Every row of the verification table; the long cases are marked slow."""
+
+import pytest
+
+from verification.cases import CASES
+from verification.table import BEGIN, END, Row, markdown, write_into
+
+
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(c, id=c.name, marks=[pytest.mark.slow] if c.slow else []) for c in CASES],
+)
+def test_within_tolerance(case):
+    rows = list(case.rows())
+    assert rows
+    assert all(row.passed for row in rows), markdown([row for row in rows if not row.passed])
+
+
+def test_a_wrong_or_missing_number_fails():
+    right = Row("case", "force, N", 2.0, 2.001, 1e-3, "theory")
+    assert right.error == pytest.approx(5e-4)
+    assert right.passed
+    for wrong in (2.01, -2.0, float("nan")):
+        assert not Row("case", "force, N", 2.0, wrong, 1e-3, "theory").passed
+    assert not Row("case", "order", 3.0, 2.8, 0.15, "theory", "absolute").passed
+
+
+def test_the_table_replaces_the_one_before(tmp_path):
+    readme = tmp_path / "README.md"
+    readme.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
+    write_into(readme, "| new |")
+    assert readme.read_text() == f"before\n{BEGIN}\n| new |\n{END}\nafter\n"
+    readme.write_text("no markers")
+    with pytest.raises(ValueError, match="no lines"):
+        write_into(readme, "| new |")
+    assert readme.read_text() == "no markers"
