@@ -109,7 +109,7 @@ def plot(
         typer.Option(metavar="NAME", help="a field along the film, or D_n; repeat for more"),
     ] = None,
     revolved: Annotated[
-        bool, typer.Option("--revolved", help="3-D view of the device, coloured by --field (PNG)")
+        bool, typer.Option("--revolved", help="3-D view of the device, coloured by --field")
     ] = False,
     step: Step = None,
     out: Annotated[

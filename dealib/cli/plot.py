@@ -47,20 +47,10 @@ def plot(
     step = -1 if step is None else step
     from dealib.plots import style
 
-    formats = (".png",) if revolved else style.FORMATS
     if out is not None:
-        style.check_target(out, formats, overwrite)
-    if revolved:
-        from dealib.plots.quantities import quantity
-        from dealib.plots.revolved import draw_revolved
-        from dealib.plots.shape import Shape
-
-        what, shape = quantity(field or "E"), Shape(found[0], step)
-        target = out or default(found, f"revolved-{what.name}-step{shape.step:05d}", dark)
-        draw_revolved(shape, what, target, dark)
-        return target
+        style.check_target(out, style.FORMATS, overwrite)
     with style.theme(dark) as look:
-        figure, name = _figure(found, x, ys, field, profiles, step, look)
+        figure, name = _figure(found, x, ys, field, profiles, revolved, step, look)
         target = out or default(found, name, dark)
         style.save(figure, target)
     return target
@@ -72,25 +62,31 @@ def _figure(
     ys: Sequence[str],
     field: str | None,
     profiles: Sequence[str],
+    revolved: bool,
     step: int,
     look: Any,
 ) -> tuple[Any, str]:
     """The figure and the name of its file."""
-    if field is not None:
+    if field is not None or profiles or revolved:
+        from dealib.plots import quantities
+        from dealib.plots.shape import Shape
+
+        shape = Shape(runs[0], step)
+        if profiles:
+            from dealib.plots.profiles import draw_profiles
+
+            chosen = [quantities.profile(name) for name in profiles]
+            name = "+".join(q.name for q in chosen)
+            return draw_profiles(shape, chosen), f"profile-{name}-step{shape.step:05d}"
+        what = quantities.quantity(field or "E")
+        if revolved:
+            from dealib.plots.revolved import draw_revolved
+
+            figure = draw_revolved(shape, what, look)
+            return figure, f"revolved-{what.name}-step{shape.step:05d}"
         from dealib.plots.contours import contours
-        from dealib.plots.quantities import quantity
-        from dealib.plots.shape import Shape
 
-        what, shape = quantity(field), Shape(runs[0], step)
         return contours(shape, what, look), f"field-{what.name}-step{shape.step:05d}"
-    if profiles:
-        from dealib.plots.profiles import draw_profiles
-        from dealib.plots.quantities import profile
-        from dealib.plots.shape import Shape
-
-        chosen, shape = [profile(name) for name in profiles], Shape(runs[0], step)
-        name = "+".join(q.name for q in chosen)
-        return draw_profiles(shape, chosen), f"profile-{name}-step{shape.step:05d}"
     from dealib.plots.curves import curves, overview
 
     if not ys:

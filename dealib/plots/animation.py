@@ -43,7 +43,7 @@ def frames(run: Run, what: Quantity, look: Theme, count: int) -> Iterator[Image]
         shape = Shape(run, steps[k], n=2)
         return shape.moved(), shape.moved(factor), shape.strips(what.of(shape.arrays))
 
-    figure, strips, markers = _stage(run, what, look, factor, np.linspace(0, len(steps) - 1, 9))
+    figure, strips, markers = _stage(run, what, look, factor)
     for t in np.linspace(times[0], times[-1], count):
         k = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2))
         s = (t - times[k]) / (times[k + 1] - times[k])
@@ -58,14 +58,21 @@ def frames(run: Run, what: Quantity, look: Theme, count: int) -> Iterator[Image]
         yield np.asarray(figure.canvas.buffer_rgba())[..., :3].copy()
 
 
-def _stage(run: Run, what: Quantity, look: Theme, factor: float, sample: Array) -> Any:
+def _typical(run: Run) -> list[int]:
+    """Stored steps that span the range of values: some at equal distances, and the extremes."""
+    steps = run.stored_steps
+    rows = run.history.set_index("step").loc[steps, ["voltage_kV", "displacement_mm"]].abs()
+    some = {steps[k] for k in np.linspace(0, len(steps) - 1, 9, dtype=int)}
+    return sorted(some | {int(k) for k in rows.idxmax()})
+
+
+def _stage(run: Run, what: Quantity, look: Theme, factor: float) -> Any:
     """The figure, the two painted strips, and the markers with their columns."""
-    shapes = [Shape(run, run.stored_steps[int(k)], n=2) for k in sample]
+    shapes = [Shape(run, step, n=2) for step in _typical(run)]
     values = [shape.strips(what.of(shape.arrays)) for shape in shapes]
-    every = np.concatenate(values)
-    norm, cmap, extend = scale(shapes[0], every, look)
+    norm, cmap, extend = scale(shapes[0], np.array(values), look)
     figure = plt.figure(figsize=_SIZE, dpi=_DPI, layout="constrained")
-    grid = figure.add_gridspec(6, 2, width_ratios=(1.7, 1))
+    grid = figure.add_gridspec(6, 2, width_ratios=(1.25, 1))
     strips = []
     for rows, magnified in ((slice(0, 3), 1.0), (slice(3, 6), factor)):
         axis = figure.add_subplot(grid[rows, 0])
@@ -73,6 +80,7 @@ def _stage(run: Run, what: Quantity, look: Theme, factor: float, sample: Array) 
         strips.append(paint(axis, shapes[0], shapes[0].moved(magnified), values[0], norm, cmap))
         axis.set_title(scale_note(magnified), loc="left")
         frame(axis)
+        axis.set_adjustable("box")
         pad = 0.06 * np.ptp(moved[:, 1]) + 0.05
         axis.set_xlim(moved[:, 0].min() - 0.1, moved[:, 0].max() + 0.1)
         axis.set_ylim(moved[:, 1].min() - pad, moved[:, 1].max() + pad)
@@ -120,8 +128,8 @@ def _write_mp4(images: Iterator[Image], path: Path, rate: int) -> None:
     with av.open(str(path), "w") as film:
         stream: Any = film.add_stream("libx264", rate=rate, options={"crf": "20"})
         stream.pix_fmt = "yuv420p"
+        stream.width, stream.height = (round(_DPI * inches) for inches in _SIZE)
         for image in images:
-            stream.height, stream.width = image.shape[:2]
             film.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
         film.mux(stream.encode())
 
@@ -129,5 +137,5 @@ def _write_mp4(images: Iterator[Image], path: Path, rate: int) -> None:
 def _write_gif(images: Iterator[Image], path: Path, rate: int) -> None:
     from PIL import Image as pillow
 
-    first, *others = (pillow.fromarray(image).quantize(96) for image in images)
+    first, *others = (pillow.fromarray(image).quantize(256) for image in images)
     first.save(path, save_all=True, append_images=others, duration=round(1000 / rate), loop=0)

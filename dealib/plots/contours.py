@@ -42,8 +42,18 @@ def contours(shape: Shape, what: Quantity, look: Theme) -> Any:
 
 
 def scale(shape: Shape, values: Array, look: Theme) -> tuple[Normalize, str, str]:
-    """Colour scale of sampled values: centred at zero if they have both signs."""
-    low, high = _by_area(shape, values, np.array([0.003, 0.997]))
+    """Colour scale of sampled values: centred at zero if they have both signs.
+
+    Args:
+        shape: The strips.
+        values: Values at the sampled points, (points,), or (steps, points) for one scale of all.
+        look: The theme.
+
+    Returns:
+        The scale, its colour map, and which ends of it are exceeded, for the colour bar.
+    """
+    ranges = [_by_area(shape, v, np.array([0.003, 0.997])) for v in np.atleast_2d(values)]
+    low, high = np.min(ranges), np.max(ranges)
     size = max(abs(low), abs(high)) or 1.0
     below = values.min() < low - 0.02 * size
     above = values.max() > high + 0.02 * size

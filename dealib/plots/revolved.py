@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
-from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 
 from dealib.errors import PlatformError
-from dealib.plots.contours import magnification, scale
+from dealib.geometry import names
+from dealib.plots.contours import magnification, scale, scale_note
 from dealib.plots.quantities import Quantity
 from dealib.plots.shape import STRIPS, Sampler, Shape
-from dealib.plots.style import DARK, LIGHT
+from dealib.plots.style import Theme
+from dealib.results.elements import Array
 
-_ANGLE, _SECTORS = 270.0, 180
+_ANGLE, _PEELED = 270.0, 190.0  # degrees; the top electrode covers less of the film
 _PROBE = (
     "import pyvista as pv; p = pv.Plotter(off_screen=True, window_size=(40, 40));"
     "p.add_mesh(pv.Sphere()); p.screenshot(None, return_img=True); p.close()"
@@ -43,73 +44,72 @@ def check_rendering() -> None:
         )
 
 
-def draw_revolved(shape: Shape, what: Quantity, target: Path, dark: bool = False) -> None:
-    """Draw three quarters of the device at one step, its thickness magnified.
-
-    Args:
-        shape: The step.
-        what: Colours.
-        target: PNG file.
-        dark: On a dark background.
+def draw_revolved(shape: Shape, what: Quantity, look: Theme) -> Any:
+    """Draw three quarters of the device at one step, the top electrode peeled off the film.
 
     Raises:
         PlatformError: If the machine cannot render.
     """
     check_rendering()
-    import pyvista as pv
-
-    look = DARK if dark else LIGHT
     values = shape.strips(what.of(shape.arrays))
-    norm, cmap, _ = scale(shape, values, look)
-    factor = magnification(shape)
-    plotter = pv.Plotter(off_screen=True, window_size=(1500, 1000))
+    norm, cmap, extend = scale(shape, values, look)
+    figure, axis = plt.subplots(figsize=(11, 7), layout="constrained")
+    axis.imshow(_render(shape, values, norm, cmap, look))
+    axis.set_axis_off()
+    colours = plt.cm.ScalarMappable(norm, cmap)
+    figure.colorbar(colours, ax=axis, extend=extend, label=what.title, shrink=0.8, pad=0.01)
+    figure.suptitle(f"{shape.run.info['name']}, {shape.when}", fontsize="medium")
+    axis.set_title(scale_note(magnification(shape)))
+    return figure
+
+
+def _render(shape: Shape, values: Array, norm: Any, cmap: str, look: Theme) -> Any:
+    """A picture (height, width, 3) of the revolved strips between mount and frame."""
+    import pyvista as pv
+    from vtkmodules.vtkCommonCore import vtkLogger
+
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_ERROR)  # it warns of a missing display
+    plotter = pv.Plotter(off_screen=True, window_size=(1800, 1100))
     plotter.set_background(look.paper)
+    factor = magnification(shape)
     moved, start = shape.moved(factor), 0
     for name in STRIPS:
-        if name not in shape.mesh.names:
-            continue
         part = Sampler.of(shape.mesh, (name,), n=shape.strips.n)
-        stop = start + len(part.points)
-        body = _revolve(moved[start:stop], part.triangles, values[start:stop])
+        if len(part.cells) == 0:  # a film without electrode bodies
+            continue
+        own = slice(start, start + len(part.points))
+        angle = _PEELED if name == names.TOP_ELECTRODE else _ANGLE
         plotter.add_mesh(
-            body, scalars="values", clim=(norm.vmin, norm.vmax), cmap=cmap, show_scalar_bar=False,
-            smooth_shading=True, split_sharp_edges=True, specular=0.2,
-        )  # fmt: skip
-        start = stop
+            _revolve(moved[own], part.triangles, values[own], angle),
+            scalars="values",
+            clim=(norm.vmin, norm.vmax),
+            cmap=cmap,
+            show_scalar_bar=False,
+            ambient=0.35,
+            specular=0.1,
+        )
+        start = own.stop
     g, down = shape.geometry, float(shape.row["displacement_mm"])
     half = 2 * factor * g.half_thickness
     for left, right, z in (
-        (1e-6, g.inner_radius, down),
+        (1e-6 * g.inner_radius, g.inner_radius, down),
         (g.outer_radius, g.outer_radius + 0.15 * g.inner_radius, 0.0),
     ):
         corners = np.array(
             [[left, z - half], [right, z - half], [right, z + half], [left, z + half]]
         )
-        rigid = _revolve(corners, np.array([[0, 1, 2], [0, 2, 3]]), np.zeros(4))
-        plotter.add_mesh(rigid, color="#8a939d", specular=0.1)
-    plotter.add_scalar_bar(
-        what.title.replace("$", "").replace("_{", " ").replace("}", ""),
-        mapper=_mapper(plotter, norm, cmap), color=look.ink, vertical=True, position_x=0.88,
-        position_y=0.2, height=0.6, width=0.05, fmt="%.3g", n_labels=5, title_font_size=24,
-        label_font_size=22,
-    )  # fmt: skip
-    note = f"{shape.run.info['name']}, {shape.when}\nthickness magnified {factor:g} times"
-    plotter.add_text(note.replace("−", "-"), position="upper_left", font_size=13, color=look.ink)
-    plotter.camera_position = [(1.9, -2.1, 1.5), (0, 0, down / 2 / g.outer_radius), (0, 0, 1)]
+        rigid = _revolve(corners, np.array([[0, 1, 2], [0, 2, 3]]), np.zeros(4), _ANGLE)
+        plotter.add_mesh(rigid, color="#8a939d", ambient=0.25, specular=0.1)
+    plotter.camera_position = [(1.2, -1.6, 1.35), (0, 0, 0), (0, 0, 1)]
     plotter.reset_camera()
-    plotter.camera.zoom(1.35)
+    plotter.camera.zoom(1.75)
     plotter.enable_anti_aliasing("ssaa")
-    temporary = target.with_name(f".{target.stem}.tmp.png")
-    try:
-        plotter.screenshot(str(temporary))
-        os.replace(temporary, target)
-    except OSError as error:
-        raise PlatformError(f"cannot write {target}: {error.strerror or error}") from None
-    finally:
-        plotter.close()
+    picture = plotter.screenshot(None, return_img=True)
+    plotter.close()
+    return picture
 
 
-def _revolve(points: Any, triangles: Any, values: Any) -> Any:
+def _revolve(points: Array, triangles: Any, values: Array, angle: float) -> Any:
     """A surface (r, z) turned about the axis, open for a quarter to show the section."""
     import pyvista as pv
 
@@ -117,10 +117,5 @@ def _revolve(points: Any, triangles: Any, values: Any) -> Any:
     section = pv.PolyData.from_regular_faces(xyz, triangles)
     section.point_data["values"] = values
     return section.clean(tolerance=1e-9).extrude_rotate(
-        resolution=_SECTORS, angle=_ANGLE, capping=True, rotation_axis=(0, 0, 1)
+        resolution=round(angle), angle=angle, capping=True, rotation_axis=(0, 0, 1)
     )
-
-
-def _mapper(plotter: Any, norm: Any, cmap: str) -> Any:
-    """The mapper of the first coloured body."""
-    return next(iter(plotter.actors.values())).mapper

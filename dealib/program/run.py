@@ -21,7 +21,7 @@ from dealib.config.case import Case, resolved
 from dealib.errors import ConfigError, DealibError, PlatformError
 from dealib.fem import compat
 from dealib.program.simulation import Simulation, State
-from dealib.results import store
+from dealib.results import paraview, store
 from dealib.results.fields import fields
 from dealib.results.reader import Run
 
@@ -62,6 +62,7 @@ class Recorder:
         self._states = store.StateFile(self.directory, mesh, texts)
         if self.wanted != "none":
             self._fields = store.FieldFile(self.directory, mesh)
+            paraview.write(self.directory, mesh)
 
     def see(self, state: State) -> None:
         """See `Observer`."""
