@@ -1,4 +1,4 @@
-"""A ParaView script for each run directory: deformed strips, coloured, at the last step."""
+"""A ParaView script for each run directory: deformed strips in the colours of the field."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from dealib.geometry import names
 from dealib.results.mesh import ResultMesh
-from dealib.results.store import FIELDS, write_text
+from dealib.results.store import FIELDS, HISTORY, write_text
 
 SCRIPT = "view_in_paraview.py"  # paraview.py would hide the package of that name
 
@@ -19,21 +19,25 @@ _TEXT = '''\
 Change the names below, or everything in ParaView itself.
 """
 
+import csv
 import os
 import sys
 
 from paraview.simple import *  # noqa: F403
 
-COLOUR, COMPONENT = "second_pk_stress", "XX"  # X is R, Y is Z; or "E", "Magnitude"; "phi", ""
-TITLE = "S_RR (MPa)"
+COLOUR, COMPONENT = "E", "Magnitude"  # or "phi", ""; "second_pk_stress", "XX": X is R, Y is Z
+TITLE = "|E| (MV/m)"
 MAGNIFICATION = 1.0  # of the displacement
 FIRST, LAST = {low}, {high}  # regions to show: {regions}
-STEP = -1  # of the stored ones
+TIME = None  # s; None: the one of the largest voltage
 
 here = os.path.dirname(os.path.abspath(globals().get("__file__", {path!r})))
 fields = XDMFReader(registrationName="run", FileNames=[os.path.join(here, {fields!r})])
 fields.UpdatePipelineInformation()
-times = list(fields.TimestepValues)
+with open(os.path.join(here, {history!r})) as file:
+    volts = {{float(row["time_s"]): abs(float(row["voltage_kV"])) for row in csv.DictReader(file)}}
+times = fields.TimestepValues
+now = TIME if TIME is not None else max(times, key=lambda t: volts.get(t, 0.0))
 
 shown = Threshold(registrationName="strips", Input=fields, Scalars=["CELLS", "region"])
 shown.LowerThreshold, shown.UpperThreshold = FIRST, LAST
@@ -42,15 +46,15 @@ deformed.ScaleFactor = MAGNIFICATION
 
 scene = GetAnimationScene()
 scene.UpdateAnimationUsingDataTimeSteps()
-scene.AnimationTime = times[STEP]
+scene.AnimationTime = now
 
 view = GetActiveViewOrCreate("RenderView")
 view.InteractionMode = "2D"
-view.ViewTime = times[STEP]
+view.ViewTime = now
 display = Show(deformed, view)
 display.NonlinearSubdivisionLevel = 3  # second-order cells are curved
 ColorBy(display, ("POINTS", COLOUR, COMPONENT) if COMPONENT else ("POINTS", COLOUR))
-display.RescaleTransferFunctionToDataRangeOverTime()
+display.RescaleTransferFunctionToDataRange(False, True)
 display.SetScalarBarVisibility(view, True)
 bar = GetScalarBar(GetColorTransferFunction(COLOUR), view)
 bar.Title, bar.ComponentTitle = TITLE, ""
@@ -77,6 +81,7 @@ def write(directory: Path, mesh: ResultMesh) -> None:
         regions=", ".join(f"{i} {name}" for i, name in enumerate(mesh.names)),
         path=str(directory.resolve() / SCRIPT),
         fields=FIELDS,
+        history=HISTORY,
         low=min(shown),
         high=max(shown),
     )
