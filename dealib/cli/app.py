@@ -131,11 +131,7 @@ def plot(
     """
     from dealib.cli.plot import plot as draw
 
-    typer.echo(
-        draw(
-            runs, x, y or [], field, profile or [], revolved, step, out, dark, overwrite
-        )
-    )
+    typer.echo(draw(runs, x, y or [], field, profile or [], revolved, step, out, dark, overwrite))
 
 
 @app.command()

@@ -52,8 +52,8 @@ def scale(shape: Shape, values: Array, look: Theme) -> tuple[Normalize, str, str
     Returns:
         The scale, its colour map, and which ends of it are exceeded, for the colour bar.
     """
-    ranges = [_by_area(shape, v, np.array([0.003, 0.997])) for v in np.atleast_2d(values)]
-    low, high = np.min(ranges), np.max(ranges)
+    ranges: Any = [_by_area(shape, v, np.array([0.003, 0.997])) for v in np.atleast_2d(values)]
+    low, high = float(np.min(ranges)), float(np.max(ranges))
     size = max(abs(low), abs(high)) or 1.0
     below = values.min() < low - 0.02 * size
     above = values.max() > high + 0.02 * size
@@ -87,9 +87,7 @@ def scale_note(factor: float) -> str:
     return "true scale" if factor == 1 else f"thickness magnified {factor:g} times"
 
 
-def paint(
-    axis: Any, shape: Shape, x: Array, values: Array, norm: Normalize, cmap: str
-) -> Any:
+def paint(axis: Any, shape: Shape, x: Array, values: Array, norm: Normalize, cmap: str) -> Any:
     """Smooth colours on the sampled triangles at the points x."""
     grid = Triangulation(x[:, 0], x[:, 1], shape.strips.triangles)
     axis.grid(False)

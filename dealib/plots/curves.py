@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 
 from dealib.config.source import did_you_mean
 from dealib.errors import ConfigError
-from dealib.plots.labels import label, split
+from dealib.plots.labels import kind, label, split
 from dealib.plots.style import DASHES
 from dealib.results.reader import Run
 
@@ -80,7 +80,7 @@ def curves(runs: Sequence[Run], x: str, ys: Sequence[str]) -> Any:
                     label=", ".join(several),
                 )
         unit = split(columns[0])[1]
-        axis.set_ylabel(label(columns[0]) if len(columns) == 1 else f"({unit})" if unit else "")
+        axis.set_ylabel(label(columns[0]) if len(columns) == 1 else kind(unit))
         _steady(axis)
         if len(runs) > 1 or len(columns) > 1:
             axis.legend()

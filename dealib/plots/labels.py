@@ -20,6 +20,16 @@ _NAMES = {
     "energy_residual": "Energy balance residual",
 }
 
+_KINDS = {
+    "mm": "Length", "N": "Force", "kV": "Voltage", "µC": "Charge", "pF": "Capacitance",
+    "mJ": "Energy", "MV/m": "Field", "MPa": "Stress", "s": "Time",
+}  # fmt: skip
+
+
+def kind(unit: str) -> str:
+    """Axis label of several columns of one unit."""
+    return f"{_KINDS[unit]} ({unit})" if unit in _KINDS else f"({unit})" if unit else ""
+
 
 def split(column: str) -> tuple[str, str]:
     """Friendly name and unit ('' if there is none) of a column.
