@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -43,7 +44,8 @@ class Quantity:
         """Nodal values from the arrays of a state."""
         values = arrays[self.field]
         if self.component is not None:
-            values = values[(slice(None), *self.component)]
+            index: Any = (..., *self.component)
+            values = values[index]
         elif values.ndim == 2:
             values = np.linalg.norm(values, axis=1)
         return self.factor * values

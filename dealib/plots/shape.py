@@ -46,9 +46,8 @@ def reference_grid(cell: Cell, n: int) -> tuple[Array, Ints]:
     """Points and triangles that cut a reference cell into n parts a side."""
     j, i = np.divmod(np.arange((n + 1) ** 2), n + 1)
     a = np.array([k for k in range((n + 1) * n) if k % (n + 1) < n])
-    triangles = np.vstack(
-        [np.stack([a, a + 1, a + n + 2], 1), np.stack([a, a + n + 2, a + n + 1], 1)]
-    )
+    b, c, d = a + 1, a + n + 2, a + n + 1  # the small squares' other corners
+    triangles = np.vstack([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
     points = np.stack([i, j], axis=1) / n
     if cell.corners == 3:  # keep what lies in the lower left half, cut along the other diagonal
         triangles = np.vstack([np.stack([a, b, d], axis=1), np.stack([b, c, d], axis=1)])
@@ -69,17 +68,18 @@ def locate(mesh: ResultMesh, cells: Ints, points: Array) -> tuple[Ints, Array]:
     stretch = np.array([1.0, np.sqrt(len(cells))])  # flat cells upset the search for triangles
     corners = mesh.cells[cells][:, own][:, triangles].reshape(-1, 3)
     used, corners = np.unique(corners, return_inverse=True)
-    grid = Triangulation(*(mesh.points[used] * stretch).T, corners.reshape(-1, 3))
+    x, y = (mesh.points[used] * stretch).T
+    grid = Triangulation(x, y, corners.reshape(-1, 3))
     finder: Any = grid.get_trifinder()
     found = cells[finder(*(points * stretch).T) // len(triangles)]
     linear = Cell(mesh.cell.name, 1)
-    x = np.full((len(points), 2), 1 / mesh.cell.corners**0.5)
+    at = np.full((len(points), 2), 1 / mesh.cell.corners**0.5)
     for _ in range(8):  # Newton on the (bi)linear map; exact at once for rectangles
-        N, dN = linear.shape(x)
-        at = np.einsum("pn,pni->pi", N, mesh.corners[found])
+        N, dN = linear.shape(at)
+        reached = np.einsum("pn,pni->pi", N, mesh.corners[found])
         slope = np.einsum("pnj,pni->pij", dN, mesh.corners[found])
-        x = x + np.linalg.solve(slope, (points - at)[..., None])[..., 0]
-    return found, x
+        at = at + np.linalg.solve(slope, (points - reached)[..., None])[..., 0]
+    return found, at
 
 
 @dataclass(frozen=True)

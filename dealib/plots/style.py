@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO, Any
 
 import matplotlib
+from cycler import cycler
 
 from dealib.errors import ConfigError, PlatformError
 
@@ -78,7 +79,7 @@ def theme(dark: bool = False) -> Iterator[Theme]:
         "axes.spines.top": False,
         "axes.spines.right": False,
         "axes.linewidth": 0.8,
-        "axes.prop_cycle": matplotlib.cycler(color=look.lines),
+        "axes.prop_cycle": cycler(color=look.lines),
         "axes.titlesize": "medium",
         "axes.formatter.limits": (-4, 5),
         "lines.linewidth": 1.6,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from pydantic import BaseModel
@@ -41,10 +41,11 @@ def text(value: Any) -> str:
     return f"{number:.6g} {unit.replace('uC', 'µC')}".replace("-", "−")
 
 
-def rows(section: BaseModel, leave_out: Iterable[str] = ()) -> Rows:
+def rows(section: BaseModel) -> Rows:
     """Name and value of what a section of the config says."""
     given = section.model_dump(exclude_none=True)
-    return [(_words(k), text(v)) for k, v in given.items() if k not in leave_out]
+    given = {k: given[k] for k in sorted(given, key=lambda k: k != "law")}  # the law comes first
+    return [(_words(k), text(v)) for k, v in given.items()]
 
 
 def _words(key: str) -> str:
@@ -113,9 +114,10 @@ def margins(run: Run) -> list[tuple[str, str, str]]:
     ):
         if column not in h:
             continue
-        k = h[column].abs().idxmax() if largest else h[column].idxmin()
-        where = f"step {h.loc[k, 'step']}, t = {h.loc[k, 'time_s']:.4g} s, {h.loc[k, 'stage']}"
-        found.append((name, f"{_number(h.loc[k, column])} {unit}".strip(), where))
+        k = int(h[column].abs().argmax() if largest else h[column].argmin())
+        row = h.iloc[k]
+        where = f"step {row['step']}, t = {row['time_s']:.4g} s, {row['stage']}"
+        found.append((name, f"{_number(float(row[column]))} {unit}".strip(), where))
     return found
 
 

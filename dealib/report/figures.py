@@ -56,7 +56,7 @@ def typical_step(run: Run) -> int:
     """The stored step of the largest voltage, else of the largest displacement."""
     rows = run.history.set_index("step").loc[run.stored_steps]
     column = "voltage_kV" if (rows["voltage_kV"] != 0).any() else "displacement_mm"
-    return int(rows.index[rows[column].abs().argmax()])
+    return int(rows.index[int(rows[column].abs().argmax())])
 
 
 def pictures(run: Run) -> dict[str, Picture]:
