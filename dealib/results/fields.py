@@ -45,14 +45,19 @@ def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
         k = local.kinematics(
             mesh.cell, mesh.corners[cells], mesh.cell.gauss, nodal[..., :2], nodal[..., 2]
         )
-        found = {"J": k.J}
+
+        def at_nodes(values: Array) -> Array:
+            return np.asarray(np.einsum("ng,cg...->cn...", mesh.cell.from_gauss, values))
+
+        found = {"J": at_nodes(k.J)}
         if material.permittivity:
-            found["E"], found["D"] = k.e, material.permittivity * k.e
-            found["maxwell_stress"] = local.maxwell(material.permittivity, k.e)
+            e = at_nodes(k.e)
+            found["E"], found["D"] = e, material.permittivity * e
+            found["maxwell_stress"] = local.maxwell(material.permittivity, e)
         if material.law is not None:
             S = local.second_pk(material.law, k.F, material.prestretch)
-            found["second_pk_stress"], found["cauchy_stress"] = S, local.cauchy(k.F, S)
+            found["second_pk_stress"] = at_nodes(S)
+            found["cauchy_stress"] = at_nodes(local.cauchy(k.F, S))
         for key, values in found.items():
-            at_nodes = np.einsum("ng,cg...->cn...", mesh.cell.from_gauss, values)
-            mesh.average(at_nodes, cells, out[key])
+            mesh.average(values, cells, out[key])
     return out
