@@ -133,3 +133,83 @@ def calibrate(
     from dealib.cli.calibrate import run_fit
 
     run_fit(fit, out, jobs, resume=resume, overwrite=overwrite)
+
+
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="replace the file given by --out")]
+Dark = Annotated[bool, typer.Option("--dark", help="on a dark background")]
+Step = Annotated[
+    int | None,
+    typer.Option(metavar="N", help="step of history.csv; -1 is the last stored one (default)"),
+]
+
+
+@app.command()
+def plot(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="run directories")],
+    x: Annotated[
+        str | None, typer.Option("-x", metavar="COL", help="column to draw against; default time_s")
+    ] = None,
+    y: Annotated[
+        list[str] | None, typer.Option("-y", metavar="COL", help="history column; repeat for more")
+    ] = None,
+    field: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="contours of a field on the deformed strips, such as E"),
+    ] = None,
+    profile: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="a field along the film, or D_n; repeat for more"),
+    ] = None,
+    revolved: Annotated[
+        bool, typer.Option("--revolved", help="3-D view of the device, coloured by --field")
+    ] = False,
+    step: Step = None,
+    out: Annotated[
+        Path | None, typer.Option(help=".png, .svg or .pdf; default a name in RUN/plots/")
+    ] = None,
+    dark: Dark = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Draw one or several runs: an overview, history columns, fields or profiles.
+
+    Without options: force against displacement, the inputs in time, capacitance and field.
+
+    Fields: u E D (lengths; u_R, E_Z, ... for components), phi, J, and the stresses S_RR (second
+    Piola-Kirchhoff), sigma_RR (Cauchy), maxwell_RR, each with RR, ZZ, TT or RZ. D_n is the surface
+    charge density on the electrodes' inner faces.
+
+    A picture in RUN/plots/ replaces the one of the same name there; --out replaces nothing unless
+    --overwrite is given.
+    """
+    from dealib.cli.plot import plot as draw
+
+    typer.echo(draw(runs, x, y or [], field, profile or [], revolved, step, out, dark, overwrite))
+
+
+@app.command()
+def animate(
+    run: RunDirectory,
+    field: Annotated[str, typer.Option(metavar="NAME", help="colours; see dealib plot")] = "E",
+    out: Annotated[
+        Path | None, typer.Option(help=".mp4 or .gif; default RUN/plots/animation-FIELD.mp4")
+    ] = None,
+    seconds: Annotated[float, typer.Option(min=0.5, max=120, help="length of the film")] = 8.0,
+    dark: Dark = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Animate the deforming strip beside its input curves."""
+    from dealib.cli.animate import animate as draw
+
+    typer.echo(draw(run, field, out, seconds, dark, overwrite))
+
+
+@app.command()
+def report(
+    run: RunDirectory,
+    out: Annotated[Path | None, typer.Option(help="HTML file; default RUN/report.html")] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write one self-contained HTML page about a run: device, pictures, curves, margins."""
+    from dealib.cli.report import report as write
+
+    typer.echo(write(run, out, overwrite))

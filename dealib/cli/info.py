@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dealib.errors import ConfigError
 from dealib.results.reader import Run
+from dealib.results.summary import actuations
 
 
 def summary(run: Run) -> str:
     """The figures that an engineer looks at first, from the history."""
     h = run.history
     info = run.info
-    loaded = h[h["voltage_kV"] != 0]
     rows = [
         (
             "displacement",
@@ -18,15 +18,13 @@ def summary(run: Run) -> str:
         ),
         ("force on mount", f"{h['force_N'].min():.5g} .. {h['force_N'].max():.5g} N"),
     ]
-    for (_, stage), part in loaded.groupby(
-        [loaded["stage"].ne(loaded["stage"].shift()).cumsum(), "stage"]
-    ):
-        before = h.loc[max(part.index[0] - 1, 0)]
-        stroke = (part["displacement_mm"] - before["displacement_mm"]).abs().max()
-        change = (part["force_N"] - before["force_N"]).abs().max()
-        peak = part["voltage_kV"].abs().max()
-        rows.append((f"stroke in {stage!r}", f"{stroke:.5g} mm at up to {peak:.4g} kV"))
-        rows.append((f"force change in {stage!r}", f"{change:.5g} N (blocking force if held)"))
+    for a in actuations(h):
+        rows.append(
+            (f"stroke in {a.stage!r}", f"{a.stroke:.5g} mm at up to {a.peak_voltage:.4g} kV")
+        )
+        rows.append(
+            (f"force change in {a.stage!r}", f"{a.force_change:.5g} N (blocking force if held)")
+        )
     c, e = h["capacitance_pF"], h["field_max_MV_per_m"]
     rows += [
         ("capacitance", f"{c.min():.5g} .. {c.max():.5g} pF"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import IO
 
 import matplotlib
 import numpy as np
@@ -22,7 +23,7 @@ COLOURS = {
 }
 
 
-def draw_mesh(mesh: Path, picture: Path) -> None:
+def draw_mesh(mesh: Path, picture: Path | IO[bytes]) -> None:
     """Draw a mesh file with named regions."""
     polygons = _polygons(mesh)
     film = np.concatenate(polygons["film"])

@@ -22,7 +22,7 @@ from dealib.errors import ConfigError, DealibError, PlatformError
 from dealib.fem import compat
 from dealib.geometry import model
 from dealib.program.simulation import Simulation, State
-from dealib.results import store
+from dealib.results import paraview, store
 from dealib.results.fields import fields
 from dealib.results.reader import Run
 
@@ -63,6 +63,7 @@ class Recorder:
         self._states = store.StateFile(self.directory, mesh, texts)
         if self.wanted != "none":
             self._fields = store.FieldFile(self.directory, mesh)
+            paraview.write(self.directory, mesh)
 
     def see(self, state: State) -> None:
         """See `Observer`."""

@@ -62,6 +62,16 @@ class Cell:
         g = (1 + np.array([-1, 1]) / np.sqrt(3)) / 2
         return np.array([[x, y] for x in g for y in g])
 
+    @cached_property
+    def from_gauss(self) -> Array:
+        """Extrapolates values at the Gauss points to the nodes, (nodes, points)."""
+        terms = [(0, 0), (1, 0), (0, 1), *([(1, 1)] if self.corners == 4 else [])]
+
+        def powers(at: Array) -> Array:
+            return np.stack([at[:, 0] ** a * at[:, 1] ** b for a, b in terms], axis=1)
+
+        return np.asarray(powers(self.nodes) @ np.linalg.inv(powers(self.gauss)))
+
     @property
     def vtk_type(self) -> int:
         """VTK's cell type."""

@@ -13,6 +13,9 @@ from dealib.results.mesh import ResultMesh
 def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
     """Nodal fields, averaged within a region and never across its faces.
 
+    They are extrapolated from the Gauss points, where derivatives are best: at the nodes
+    themselves the pressure of nearly incompressible cells oscillates.
+
     Args:
         config: The config of the run.
         mesh: Mesh of the results.
@@ -40,15 +43,21 @@ def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
             continue
         nodal = state[mesh.cells[cells]]
         k = local.kinematics(
-            mesh.cell, mesh.corners[cells], mesh.cell.nodes, nodal[..., :2], nodal[..., 2]
+            mesh.cell, mesh.corners[cells], mesh.cell.gauss, nodal[..., :2], nodal[..., 2]
         )
-        found = {"J": k.J}
+
+        def at_nodes(values: Array) -> Array:
+            return np.asarray(np.einsum("ng,cg...->cn...", mesh.cell.from_gauss, values))
+
+        found = {"J": at_nodes(k.J)}
         if material.permittivity:
-            found["E"], found["D"] = k.e, material.permittivity * k.e
-            found["maxwell_stress"] = local.maxwell(material.permittivity, k.e)
+            e = at_nodes(k.e)
+            found["E"], found["D"] = e, material.permittivity * e
+            found["maxwell_stress"] = local.maxwell(material.permittivity, e)
         if material.law is not None:
             S = local.second_pk(material.law, k.F, material.prestretch)
-            found["second_pk_stress"], found["cauchy_stress"] = S, local.cauchy(k.F, S)
+            found["second_pk_stress"] = at_nodes(S)
+            found["cauchy_stress"] = at_nodes(local.cauchy(k.F, S))
         for key, values in found.items():
             mesh.average(values, cells, out[key])
     return out

@@ -1,0 +1,33 @@
+"""`dealib animate`: a film of a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from dealib.cli.plot import default
+from dealib.results.reader import Run
+
+_RATES = {".mp4": 20, ".gif": 10}  # pictures a second
+
+
+def animate(
+    directory: Path, field: str, out: Path | None, seconds: float, dark: bool, overwrite: bool
+) -> Path:
+    """Write the film and return its file.
+
+    Raises:
+        ConfigError: If the field or the file name will not do, or too few steps are stored.
+    """
+    run = Run(directory)
+    from dealib.plots import animation, style
+    from dealib.plots.quantities import quantity
+
+    what = quantity(field)
+    if out is not None:
+        style.check_target(out, animation.FORMATS, overwrite)
+    target = out or default([run], f"animation-{field}", dark, ".mp4")
+    rate = _RATES[target.suffix.lower()]
+    with style.theme(dark) as look:
+        count = max(2, round(rate * seconds))
+        animation.write(animation.frames(run, what, look, count), target, rate)
+    return target

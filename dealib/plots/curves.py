@@ -1,0 +1,138 @@
+"""Curves from the histories of one or several runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import matplotlib.pyplot as plt
+
+from dealib.config.source import did_you_mean
+from dealib.errors import ConfigError
+from dealib.plots.labels import kind, label, split
+from dealib.plots.style import DASHES
+from dealib.results.reader import Run
+
+
+def overview(runs: Sequence[Run]) -> Any:
+    """Force-displacement, the inputs in time, capacitance and field: a 2 x 2 figure."""
+    figure, axes = plt.subplots(2, 2, figsize=(10.5, 7.2), layout="constrained")
+    (force, time), (capacitance, field) = axes
+    voltage = _panel_beside(time)
+    for k, run in enumerate(runs):
+        h = run.history
+        style = {"color": f"C{k}", "marker": ".", "ms": 4}
+        force.plot(h["displacement_mm"], h["force_N"], label=names(runs)[k], **style)
+        time.plot(h["time_s"], h["displacement_mm"], color=f"C{k}")
+        if len(runs) == 1:
+            force_axis = time.twinx()
+            force_axis.plot(h["time_s"], h["force_N"], color="C1", ls="--")
+            _colour(time, "left", "C0")
+            _colour(force_axis, "right", "C1")
+            force_axis.set_ylabel(label("force_N"))
+        voltage.plot(h["time_s"], h["voltage_kV"], color="C2" if len(runs) == 1 else f"C{k}")
+        capacitance.plot(h["displacement_mm"], h["capacitance_pF"], **style)
+        field.plot(h["voltage_kV"], h["field_max_MV_per_m"], **style)
+    force.set(xlabel=label("displacement_mm"), ylabel=label("force_N"))
+    time.set_ylabel(label("displacement_mm"))
+    time.tick_params(labelbottom=False)
+    voltage.set(xlabel=label("time_s"), ylabel=label("voltage_kV"))
+    capacitance.set(xlabel=label("displacement_mm"), ylabel=label("capacitance_pF"))
+    field.set(xlabel=label("voltage_kV"), ylabel=label("field_max_MV_per_m"))
+    _steady(force, capacitance, time)
+    if len(runs) > 1:
+        figure.legend(loc="outside upper center", ncols=min(len(runs), 4))
+    else:
+        figure.suptitle(names(runs)[0])
+    return figure
+
+
+def curves(runs: Sequence[Run], x: str, ys: Sequence[str]) -> Any:
+    """Any columns against another: one panel a unit, runs by colour, columns by dashes.
+
+    Raises:
+        ConfigError: If a run has no such column.
+    """
+    for run in runs:
+        for column in (x, *ys):
+            check_column(run, column)
+    panels: dict[str, list[str]] = {}
+    for column in ys:
+        name, unit = split(column)
+        panels.setdefault(unit or name, []).append(column)
+    figure, axes = plt.subplots(
+        len(panels), 1, figsize=(7, 2 + 2.6 * len(panels)), sharex=True, squeeze=False,
+        layout="constrained",
+    )  # fmt: skip
+    titles = names(runs)
+    for axis, columns in zip(axes[:, 0], panels.values(), strict=True):
+        for k, (run, title) in enumerate(zip(runs, titles, strict=True)):
+            for n, column in enumerate(columns):
+                several = [title] if len(runs) > 1 else []
+                several += [split(column)[0]] if len(columns) > 1 else []
+                axis.plot(
+                    run.history[x],
+                    run.history[column],
+                    color=f"C{k if len(runs) > 1 else n}",
+                    ls=DASHES[n % len(DASHES)],
+                    marker=".",
+                    ms=4,
+                    label=", ".join(several),
+                )
+        unit = split(columns[0])[1]
+        axis.set_ylabel(label(columns[0]) if len(columns) == 1 else kind(unit))
+        _steady(axis)
+        if len(runs) > 1 or len(columns) > 1:
+            axis.legend()
+    axes[-1, 0].set_xlabel(label(x))
+    if len(runs) == 1:
+        figure.suptitle(titles[0])
+    return figure
+
+
+def check_column(run: Run, column: str) -> None:
+    """Raise `ConfigError` if a run's history has no such column."""
+    known = list(run.history.columns)
+    if column == "stage" or column not in known:
+        numbers = [c for c in known if c != "stage"]
+        raise ConfigError(
+            f"{run.directory}: no column {column!r} to plot{did_you_mean(column, numbers)}"
+        )
+
+
+def names(runs: Sequence[Run]) -> list[str]:
+    """Names that tell runs apart: of the config, else of the directory."""
+    given = [str(run.info["name"]) for run in runs]
+    if len(set(given)) == len(given):
+        return given
+    directories = [run.directory.resolve().name for run in runs]
+    if len(set(directories)) == len(directories):
+        return directories
+    return [str(run.directory) for run in runs]
+
+
+def _panel_beside(axis: Any) -> Any:
+    """A panel under another one, in its place."""
+    spec = axis.get_subplotspec()
+    inner = spec.subgridspec(2, 1, height_ratios=(2, 1), hspace=0.08)
+    axis.set_subplotspec(inner[0])
+    return axis.figure.add_subplot(inner[1], sharex=axis)
+
+
+def _colour(axis: Any, side: str, colour: str) -> None:
+    """An axis in the colour of its curve."""
+    axis.tick_params(axis="y", colors=colour)
+    axis.yaxis.label.set_color(colour)
+    if side == "right":
+        axis.spines["right"].set_visible(True)
+        axis.spines["right"].set_color(colour)
+        axis.grid(False)
+
+
+def _steady(*axes: Any) -> None:
+    """Do not blow rounding up to the height of the panel where a value does not change."""
+    for axis in axes:
+        low, high = axis.dataLim.intervaly
+        size = max(abs(low), abs(high))
+        if high - low <= 1e-6 * size:
+            axis.set_ylim(low - 0.05 * size, high + 0.05 * size)

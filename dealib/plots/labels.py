@@ -1,0 +1,49 @@
+"""Friendly names and units of history columns, read from their names."""
+
+from __future__ import annotations
+
+import re
+
+# SI prefix and unit; '_per_' divides: field_max_MV_per_m
+_UNIT = r"[fpnumkMG]?(?:m|s|g|N|V|C|F|J|W|A|Pa|Hz)"
+_SUFFIX = re.compile(rf"(?P<name>\w+?)_(?P<unit>{_UNIT}(?:_per_{_UNIT}2?)?)")
+
+_NAMES = {
+    "time": "Time",
+    "displacement": "Displacement",
+    "force": "Force",
+    "field_max": "Peak field",
+    "thickness_stretch_min": "Smallest thickness stretch",
+    "stretch_max": "Largest stretch",
+    "mount_work": "Work at the mount",
+    "terminal_work": "Work at the terminal",
+    "energy_residual": "Energy balance residual",
+}
+
+_KINDS = {
+    "mm": "Length", "N": "Force", "kV": "Voltage", "µC": "Charge", "pF": "Capacitance",
+    "mJ": "Energy", "MV/m": "Field", "MPa": "Stress", "s": "Time",
+}  # fmt: skip
+
+
+def kind(unit: str) -> str:
+    """Axis label of several columns of one unit."""
+    return f"{_KINDS[unit]} ({unit})" if unit in _KINDS else f"({unit})" if unit else ""
+
+
+def split(column: str) -> tuple[str, str]:
+    """Friendly name and unit ('' if there is none) of a column.
+
+    `field_max_MV_per_m` gives ('Peak field', 'MV/m').
+    """
+    found = _SUFFIX.fullmatch(column)
+    name, unit = (found["name"], found["unit"]) if found else (column, "")
+    unit = re.sub(r"^u|(?<=/)u", "µ", unit.replace("_per_", "/")).replace("m2", "m²")
+    name = _NAMES.get(name, name[:1].upper() + name[1:].replace("_", " "))
+    return name, unit
+
+
+def label(column: str) -> str:
+    """Axis label of a column, such as 'Peak field (MV/m)'."""
+    name, unit = split(column)
+    return f"{name} ({unit})" if unit else name

@@ -1,0 +1,107 @@
+"""Names of the fields that can be drawn: 'S_RR', 'E', 'phi', ..., with labels and units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from dealib.config.source import did_you_mean
+from dealib.errors import ConfigError
+from dealib.results.elements import Array
+
+_INDEX = {"R": 0, "Z": 1, "T": 2}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A scalar to draw.
+
+    Attributes:
+        name: What the user writes.
+        label: What the reader reads, with the symbol.
+        unit: '' if it has none.
+        field: Array it comes from (see `dealib.results.fields`).
+        component: Indices into that array; None for the value, or the length of a vector.
+        factor: From internal units to `unit`.
+    """
+
+    name: str
+    label: str
+    unit: str
+    field: str
+    component: tuple[int, ...] | None = None
+    factor: float = 1.0
+
+    @property
+    def title(self) -> str:
+        """Label with the unit."""
+        return f"{self.label} ({self.unit})" if self.unit else self.label
+
+    def of(self, arrays: Mapping[str, Array]) -> Array:
+        """Nodal values from the arrays of a state."""
+        values = arrays[self.field]
+        if self.component is not None:
+            index: Any = (..., *self.component)
+            values = values[index]
+        elif values.ndim == 2:
+            values = np.linalg.norm(values, axis=1)
+        return self.factor * values
+
+
+def _all() -> dict[str, Quantity]:
+    found = [
+        Quantity("phi", "Electric potential φ", "kV", "phi"),
+        Quantity("J", "Volume ratio J", "", "J"),
+    ]
+    for key, label, unit, field, factor in (
+        ("u", "Displacement", "mm", "u", 1.0),
+        ("E", "Electric field", "MV/m", "E", 1.0),
+        ("D", "Electric displacement", "mC/m²", "D", 1e3),
+    ):
+        found.append(Quantity(key, f"{label} |{key}|", unit, field, None, factor))
+        found += [
+            Quantity(f"{key}_{c}", f"{label} {key}$_{c}$", unit, field, (_INDEX[c],), factor)
+            for c in "RZ"
+        ]
+    for key, symbol, label, field in (
+        ("S", "S", "Second Piola-Kirchhoff stress", "second_pk_stress"),
+        ("sigma", "σ", "Cauchy stress", "cauchy_stress"),
+        ("maxwell", "T", "Maxwell stress", "maxwell_stress"),
+    ):
+        for a, b in ("RR", "ZZ", "TT", "RZ"):
+            sub = (a + b).replace("T", r"\theta ")
+            name = f"{key}_{a}{b}"
+            found.append(
+                Quantity(
+                    name, f"{label} {symbol}$_{{{sub}}}$", "MPa", field, (_INDEX[a], _INDEX[b])
+                )
+            )
+    return {q.name: q for q in found}
+
+
+QUANTITIES = _all()
+SURFACE_CHARGE = Quantity("D_n", "Surface charge density D·n", "mC/m²", "D", factor=1e3)
+
+
+def quantity(name: str) -> Quantity:
+    """The quantity of a name.
+
+    Raises:
+        ConfigError: If there is none.
+    """
+    if name not in QUANTITIES:
+        raise ConfigError(f"there is no field {name!r} to draw{did_you_mean(name, QUANTITIES)}")
+    return QUANTITIES[name]
+
+
+def profile(name: str) -> Quantity:
+    """The same with D_n, which lives on the film's faces only."""
+    if name == SURFACE_CHARGE.name:
+        return SURFACE_CHARGE
+    if name not in QUANTITIES:
+        hint = did_you_mean(name, [SURFACE_CHARGE.name, *QUANTITIES])
+        raise ConfigError(f"there is no profile {name!r} to draw{hint}")
+    return QUANTITIES[name]

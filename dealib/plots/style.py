@@ -1,0 +1,121 @@
+"""One look for all pictures: light and dark, colour-blind safe; and where they are saved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import matplotlib
+from cycler import cycler
+
+from dealib.errors import ConfigError, PlatformError
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+FORMATS = (".png", ".svg", ".pdf")
+
+
+@dataclass(frozen=True)
+class Theme:
+    """Colours of a picture.
+
+    Attributes:
+        paper: Background.
+        ink: Text and axes.
+        faint: Grid lines and rigid parts.
+        lines: Colours of curves (after Okabe and Ito, told apart by colour-blind readers).
+        sequential: Colour map of quantities of one sign.
+        diverging: Colour map of quantities of both signs, centred at zero.
+    """
+
+    paper: str
+    ink: str
+    faint: str
+    lines: tuple[str, ...]
+    sequential: str
+    diverging: str
+
+
+LIGHT = Theme(
+    "#ffffff",
+    "#24292f",
+    "#d5d9de",
+    ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b8860b", "#56b4e9"),
+    "viridis",
+    "RdBu_r",
+)
+DARK = Theme(
+    "#15191e",
+    "#dde3ea",
+    "#3a424b",
+    ("#56b4e9", "#ff9d4d", "#2fc598", "#e59ac6", "#f0e442", "#a9c1ff"),
+    "viridis",
+    "RdBu_r",
+)
+DASHES = ("-", "--", ":", "-.")
+
+
+@contextmanager
+def theme(dark: bool = False) -> Iterator[Theme]:
+    """Draw in the light or the dark theme while it is open; figures are closed at its end."""
+    look = DARK if dark else LIGHT
+    settings: dict[Any, Any] = {
+        "figure.facecolor": look.paper,
+        "axes.facecolor": look.paper,
+        "savefig.facecolor": look.paper,
+        "text.color": look.ink,
+        "axes.labelcolor": look.ink,
+        "axes.edgecolor": look.ink,
+        "xtick.color": look.ink,
+        "ytick.color": look.ink,
+        "grid.color": look.faint,
+        "grid.linewidth": 0.6,
+        "axes.grid": True,
+        "axes.axisbelow": True,
+        "axes.spines.top": False,
+        "axes.spines.right": False,
+        "axes.linewidth": 0.8,
+        "axes.prop_cycle": cycler(color=look.lines),
+        "axes.titlesize": "medium",
+        "axes.formatter.limits": (-4, 5),
+        "lines.linewidth": 1.6,
+        "legend.frameon": False,
+        "font.size": 10,
+        "svg.hashsalt": "dealib",
+        "image.cmap": look.sequential,
+    }
+    with plt.rc_context(settings):
+        try:
+            yield look
+        finally:
+            plt.close("all")
+
+
+def check_target(path: Path, formats: tuple[str, ...], overwrite: bool) -> None:
+    """Refuse a file that cannot or must not be written, before any work is done.
+
+    Raises:
+        ConfigError: If the suffix is unknown, the folder is missing or the file exists.
+    """
+    if path.suffix.lower() not in formats:
+        raise ConfigError(f"--out {path}: the name must end in {', '.join(formats)}")
+    if not path.parent.is_dir():
+        raise ConfigError(f"{path}: there is no folder {path.parent}")
+    if path.exists() and not overwrite:
+        raise ConfigError(f"{path} exists; choose another --out, or --overwrite it")
+
+
+def save(figure: Any, target: Path | IO[bytes], kind: str | None = None, dpi: int = 150) -> None:
+    """Save a figure; the suffix of a path chooses the format.
+
+    Raises:
+        PlatformError: If the disk refuses.
+    """
+    try:
+        figure.savefig(target, format=kind, dpi=dpi)
+    except OSError as error:
+        raise PlatformError(f"cannot write {target}: {error.strerror or error}") from None

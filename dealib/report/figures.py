@@ -1,0 +1,104 @@
+"""The pictures of a report, each light and dark, as data URIs."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from dealib.plots import style
+from dealib.plots.contours import contours
+from dealib.plots.curves import curves, overview
+from dealib.plots.labels import label
+from dealib.plots.mesh import draw_mesh
+from dealib.plots.profiles import draw_profiles
+from dealib.plots.quantities import SURFACE_CHARGE, quantity
+from dealib.plots.shape import Shape
+from dealib.plots.style import Theme, save, theme
+from dealib.results.reader import Run
+
+_MIME = {"svg": "image/svg+xml", "png": "image/png"}
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A picture in both themes, as data URIs."""
+
+    light: str
+    dark: str
+
+
+def both(draw: Callable[[Theme], Any], kind: str) -> Picture:
+    """Draw a figure in both themes.
+
+    Args:
+        draw: Returns a figure.
+        kind: 'svg' or 'png'.
+    """
+    found = []
+    for dark in (False, True):
+        with theme(dark) as look:
+            data = io.BytesIO()
+            save(draw(look), data, kind, dpi=110)
+            found.append(_uri(data, kind))
+    return Picture(*found)
+
+
+def _uri(data: io.BytesIO, kind: str) -> str:
+    return f"data:{_MIME[kind]};base64,{base64.b64encode(data.getvalue()).decode('ascii')}"
+
+
+def typical_step(run: Run) -> int:
+    """The stored step of the largest voltage, else of the largest displacement."""
+    rows = run.history.set_index("step").loc[run.stored_steps]
+    column = "voltage_kV" if (rows["voltage_kV"] != 0).any() else "displacement_mm"
+    return int(rows.index[int(rows[column].abs().argmax())])
+
+
+def pictures(run: Run) -> dict[str, Picture]:
+    """All pictures that the run has data for."""
+    energies = [f"{k}_mJ" for k in ("mount_work", "terminal_work", "elastic_energy")]
+    energies += ["electric_energy_mJ", "energy_residual_mJ"]
+    found = {
+        "overview": both(lambda look: overview([run]), "svg"),
+        "energy": both(lambda look: curves([run], "time_s", energies), "svg"),
+        "iterations": both(lambda look: _iterations(run), "svg"),
+    }
+    if run.stored_steps:
+        shape = Shape(run, typical_step(run))
+        for name in ("E", "S_RR", "S_ZZ"):
+            what = quantity(name)
+            found[name] = both(partial(contours, shape, what), "png")
+        lines = [SURFACE_CHARGE, quantity("S_RR")]
+        found["profiles"] = both(lambda look: draw_profiles(shape, lines), "svg")
+    mesh = run.directory / "mesh.msh"
+    if mesh.is_file():
+        found["mesh"] = _mesh(mesh)
+    return found
+
+
+def _mesh(path: Path) -> Picture:
+    uris = []
+    for dark in (False, True):
+        with theme(dark):
+            data = io.BytesIO()
+            draw_mesh(path, data)
+            uris.append(_uri(data, "png"))
+    return Picture(*uris)
+
+
+def _iterations(run: Run) -> Any:
+    """Newton iterations by step."""
+    h = run.history[1:]
+    figure, axis = style.plt.subplots(figsize=(7, 2.4), layout="constrained")
+    for k, (stage, part) in enumerate(h.groupby("stage", sort=False)):
+        axis.bar(part["step"], part["newton_iterations"], color=f"C{k % 6}", label=str(stage))
+    axis.set(xlabel="Step", ylabel=label("newton_iterations"))
+    axis.yaxis.set_major_locator(style.plt.MaxNLocator(integer=True))
+    axis.grid(False, axis="x")
+    figure.legend(loc="outside upper center", ncols=6)
+    return figure

@@ -1,0 +1,53 @@
+"""The report of a run: one self-contained HTML page."""
+
+from __future__ import annotations
+
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from dealib.report import css, facts, figures
+from dealib.results.reader import Run
+
+_CAPTIONS = {
+    "E": "Electric field at the largest voltage.",
+    "S_RR": "Second Piola-Kirchhoff stress, radial.",
+    "S_ZZ": "Second Piola-Kirchhoff stress, through the thickness.",
+}
+
+
+def render(run: Run) -> str:
+    """The page.
+
+    Raises:
+        ConfigError: If no step has converged.
+    """
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    config, info = run.config, run.info
+    page: dict[str, Any] = {
+        "css": css(),
+        "run": info,
+        "config": config,
+        "headline": facts.headline(run),
+        "device": facts.device(config),
+        "program": facts.program(config),
+        "margins": facts.margins(run),
+        "energy": facts.energy(run),
+        "solution": facts.solution(run),
+        "warnings": facts.warnings(run),
+        "pictures": figures.pictures(run),
+        "captions": _CAPTIONS,
+        "text": facts.text,
+        "given": (run.directory / "config.yaml").read_text(encoding="utf-8"),
+        "resolved": (run.directory / "config.resolved.yaml").read_text(encoding="utf-8"),
+        "version": version("dealib"),
+    }
+    return environment.get_template("page.html.j2").render(page)

@@ -1,0 +1,281 @@
+"""Curves, contours, profiles, animations and the revolved view, from result files."""
+
+import av
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from PIL import Image
+from typer.testing import CliRunner
+
+from dealib.cli.app import app
+from dealib.errors import DealibError, PlatformError
+from dealib.geometry import names
+from dealib.plots import revolved, style
+from dealib.plots.contours import contours, magnification, scale
+from dealib.plots.curves import curves, overview
+from dealib.plots.labels import label
+from dealib.plots.profiles import lines, surface_charge
+from dealib.plots.quantities import QUANTITIES, SURFACE_CHARGE, quantity
+from dealib.plots.shape import Shape, reference_grid
+from dealib.results.elements import Cell
+from dealib.results.fields import fields
+
+
+def invoke(*arguments):
+    """Standard output of a command; its error is raised."""
+    result = CliRunner().invoke(app, [str(a) for a in arguments])
+    if result.exception is not None:
+        raise result.exception
+    return result.stdout.strip()
+
+
+@pytest.fixture(scope="module")
+def shape(strip_run):
+    """The last step: 3 mm down, 2.5 kV."""
+    return Shape(strip_run)
+
+
+@pytest.mark.parametrize(
+    ("column", "text"),
+    [
+        ("time_s", "Time (s)"),
+        ("field_max_MV_per_m", "Peak field (MV/m)"),
+        ("charge_uC", "Charge (µC)"),
+        ("thickness_stretch_min", "Smallest thickness stretch"),
+        ("newton_iterations", "Newton iterations"),
+        ("tip_pressure_kPa", "Tip pressure (kPa)"),
+        ("density_mC_per_m2", "Density (mC/m²)"),
+    ],
+)
+def test_columns_have_friendly_labels_with_units(column, text):
+    assert label(column) == text
+
+
+def test_curves_show_the_history(strip_run):
+    with style.theme():
+        figure = curves([strip_run, strip_run], "displacement_mm", ["force_N", "voltage_kV"])
+        force, voltage = figure.axes
+        assert (force.get_ylabel(), voltage.get_xlabel()) == ("Force (N)", "Displacement (mm)")
+        assert len(force.lines) == 2
+        assert force.lines[1].get_xdata()[12] == pytest.approx(-3)
+        assert force.lines[1].get_ydata()[-1] == pytest.approx(-0.81331, rel=1e-4)
+
+
+def test_overview_is_two_by_two_with_inputs_in_time(strip_run):
+    with style.theme(dark=True) as look:
+        figure = overview([strip_run])
+        labels = [(a.get_xlabel(), a.get_ylabel()) for a in figure.axes]
+        assert figure.get_facecolor() == pytest.approx((0x15 / 255, 0x19 / 255, 0x1E / 255, 1))
+        assert look.paper == "#15191e"
+    assert ("Displacement (mm)", "Capacitance (pF)") in labels
+    assert ("Voltage (kV)", "Peak field (MV/m)") in labels
+    assert ("Time (s)", "Voltage (kV)") in labels
+
+
+def test_pictures_come_in_three_formats_and_two_themes(strip_run, tmp_path):
+    for suffix, start in ((".png", b"\x89PNG"), (".svg", b"<?xml"), (".pdf", b"%PDF")):
+        file = tmp_path / f"a{suffix}"
+        invoke("plot", strip_run.directory, "-y", "force_N", "--out", file)
+        assert file.read_bytes().startswith(start)
+    light = invoke("plot", strip_run.directory)
+    dark = invoke("plot", strip_run.directory, "--dark")
+    assert light == str(strip_run.directory / "plots" / "overview.png")
+    assert imread(light)[0, 0, :3] == pytest.approx(1)
+    assert imread(dark)[0, 0, :3] == pytest.approx(np.array([0x15, 0x19, 0x1E]) / 255, abs=0.01)
+    assert invoke("plot", strip_run.directory) == light  # its own files are replaced
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["-y", "force"], "no column 'force' to plot; did you mean 'force_N'?"),
+        (["-y", "stage"], "no column 'stage' to plot"),
+        (["-x", "force_N"], "-x force_N: say with -y what to draw against it"),
+        (["--field", "S_RZR"], "there is no field 'S_RZR' to draw; did you mean 'S_RZ'?"),
+        (["--field", "D_n"], "there is no field 'D_n' to draw; did you mean"),
+        (["--profile", "Dn"], "there is no profile 'Dn' to draw; did you mean 'D_n'?"),
+        (["--field", "E", "--step", "99"], "the fields of step 99 are not stored; stored: 0 .. 17"),
+        (["--step", "3"], "--step belongs to --field, --profile or --revolved"),
+        (["--field", "E", "-y", "force_N"], "give one of: -x and -y (curves), --field, --profile"),
+        (["--out", "a.jpg"], "--out a.jpg: the name must end in .png, .svg, .pdf"),
+        (["--out", "no/a.png"], "no/a.png: there is no folder no"),
+    ],
+)
+def test_mistakes_are_explained(strip_run, arguments, message):
+    with pytest.raises(DealibError, match=r"\w") as caught:
+        invoke("plot", strip_run.directory, *arguments)
+    assert message in str(caught.value)
+    assert caught.value.exit_code == 2
+
+
+def test_nothing_is_overwritten_unless_told(strip_run, tmp_path):
+    file = tmp_path / "a.png"
+    file.write_text("mine")
+    with pytest.raises(DealibError, match="exists; choose another --out, or --overwrite it"):
+        invoke("plot", strip_run.directory, "--out", file)
+    assert file.read_text() == "mine"
+    invoke("plot", strip_run.directory, "--out", file, "--overwrite")
+    assert file.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("name", "area"), [("quadrilateral", 1.0), ("triangle", 0.5)])
+@pytest.mark.parametrize("n", [1, 2, 5])
+def test_small_triangles_fill_a_cell(name, area, n):
+    points, triangles = reference_grid(Cell(name, 2), n)
+    a, b, c = np.moveaxis(points[triangles], 1, 0)
+    areas = np.cross(b - a, c - a) / 2
+    assert areas.min() > 0
+    assert areas.sum() == pytest.approx(area)
+    assert len(np.unique(triangles)) == len(points)
+
+
+@pytest.mark.parametrize("name", ["quadrilateral", "triangle"])
+def test_extrapolation_from_gauss_points_is_exact_for_linear_fields(name):
+    cell = Cell(name, 2)
+    linear = np.array([2.0, -3.0])
+    assert cell.from_gauss @ (1 + cell.gauss @ linear) == pytest.approx(1 + cell.nodes @ linear)
+
+
+def test_a_homogeneous_deformation_has_homogeneous_stress(strip_run):
+    points = strip_run.mesh.points
+    state = np.column_stack([0.05 * points[:, 0], -0.1 * points[:, 1], points[:, 1]])
+    found = fields(strip_run.config, strip_run.mesh, state)
+    film = np.unique(strip_run.mesh.cells[strip_run.mesh.in_region(names.FILM)])
+    S = found["second_pk_stress"][film]
+    assert np.ptp(S, axis=0).max() < 1e-9
+    assert found["E"][film, 1] == pytest.approx(-1 / 0.9)
+    assert found["J"][film] == pytest.approx(1.05**2 * 0.9)
+
+
+def test_sampling_follows_second_order_cells(shape):
+    R, Z = shape.mesh.points.T
+    nodal = R**2 + 40 * R * Z - 300 * Z**2
+    x, z = shape.strips.points.T
+    assert shape.strips(nodal) == pytest.approx(x**2 + 40 * x * z - 300 * z**2, rel=1e-12)
+    R_face = shape.face(names.FILM_TOP)[1]
+    assert shape.along_middle(nodal) == pytest.approx(R_face**2, rel=1e-6)
+
+
+def test_the_deformed_strip_and_its_magnified_thickness(shape):
+    _, middle = shape.middle
+    assert middle[0] == pytest.approx([8.35, -3])
+    assert middle[-1] == pytest.approx([12.35, 0], abs=1e-7)
+    factor = magnification(shape)
+    assert factor == 5
+    end = np.isclose(shape.strips.points[:, 0], 12.35)
+    assert np.ptp(shape.moved()[end, 1]) == pytest.approx(0.05)
+    assert np.ptp(shape.moved(factor)[end, 1]) == pytest.approx(0.25)
+
+
+def test_surface_charge_adds_up_to_the_charge_of_the_terminal(shape):
+    total = {}
+    for face in (names.FILM_TOP, names.FILM_BOTTOM):
+        R, sigma = surface_charge(shape, face)
+        nodes, _ = shape.face(face)
+        x = shape.mesh.points[nodes] + shape.state[nodes, :2]
+        along = np.linalg.norm(np.diff(x, axis=0), axis=1)
+        ring = 2 * np.pi * x[:, 0] * sigma
+        total[face] = float(((ring[1:] + ring[:-1]) / 2 * along).sum())
+        middle = np.abs(sigma[(R > 9) & (R < 11.5)])
+        assert np.all((middle > 2.6e-3) & (middle < 3.0e-3))  # C/m^2
+    charge = shape.run.history["charge_uC"].iloc[-1]
+    assert total[names.FILM_TOP] == pytest.approx(charge, rel=2e-3)
+    assert total[names.FILM_BOTTOM] == pytest.approx(-charge, rel=2e-3)
+    shown = lines(shape, SURFACE_CHARGE)["electrode at the top face"][1]
+    assert shown == pytest.approx(1e3 * surface_charge(shape, names.FILM_TOP)[1])
+
+
+def test_profiles_run_along_the_film(shape):
+    found = lines(shape, quantity("E"))
+    assert list(found) == ["top face", "middle", "bottom face"]
+    R, values = found["middle"]
+    assert len(R) == 121
+    inside = (R > 9) & (R < 11.5)
+    for other in ("top face", "bottom face"):
+        assert found[other][1][inside] == pytest.approx(values[inside], rel=2e-3)
+    assert values[inside] == pytest.approx(2.5 / 0.0243, rel=0.05)  # V over the thinned film
+
+
+def test_colour_scales_leave_singular_points_out(shape):
+    E = shape.strips(quantity("E").of(shape.arrays))
+    norm, cmap, extend = scale(shape, E, style.LIGHT)
+    assert (norm.vmin, cmap, extend) == (0, "viridis", "max")
+    assert 105 < norm.vmax < E.max() - 10
+    both = np.where(shape.strips.points[:, 0] > 10, 1.0, -2.0)
+    norm, cmap, _ = scale(shape, both, style.LIGHT)
+    assert (norm.vmin, norm.vcenter, norm.vmax, cmap) == (-2, 0, 2, "RdBu_r")
+
+
+def test_contours_show_whole_and_both_ends(shape):
+    with style.theme() as look:
+        figure = contours(shape, quantity("S_RR"), look)
+        titles = [a.get_title(loc="left") for a in figure.axes[:4]]
+        assert figure.axes[4].get_ylabel() == "Second Piola-Kirchhoff stress S$_{RR}$ (MPa)"
+        inner = figure.axes[2]
+        assert inner.get_xlim()[0] < 8.35 < inner.get_xlim()[1] < 8.8
+        assert inner.get_ylim()[0] < -3 < inner.get_ylim()[1]
+    assert titles == [
+        "true scale",
+        "thickness magnified 5 times",
+        "inner end, true scale",
+        "outer end, true scale",
+    ]
+
+
+def test_every_field_of_the_help_can_be_drawn(shape):
+    for what in QUANTITIES.values():
+        values = what.of(shape.arrays)
+        assert values.shape == (len(shape.mesh.points),)
+        assert np.isfinite(values).all()
+    assert quantity("D").of(shape.arrays).max() == pytest.approx(
+        1e3 * 3 * 8.8541878128e-6 * quantity("E").of(shape.arrays).max(), rel=1e-9
+    )
+
+
+def test_field_and_profile_files(strip_run):
+    field = invoke("plot", strip_run.directory, "--field", "S_ZZ", "--step", "12", "--dark")
+    profile = invoke("plot", strip_run.directory, "--profile", "D_n", "--profile", "S_RR")
+    assert field.endswith("plots/field-S_ZZ-step00012-dark.png")
+    assert profile.endswith("plots/profile-D_n+S_RR-step00017.png")
+    assert imread(field).std() > 0.05
+    assert imread(profile).std() > 0.05
+
+
+def test_animation_as_mp4(strip_run):
+    path = invoke("animate", strip_run.directory, "--seconds", "0.5")
+    assert path.endswith("plots/animation-E.mp4")
+    with av.open(path) as film:
+        stream = film.streams.video[0]
+        pictures = [f.to_ndarray(format="rgb24").astype(float) for f in film.decode(video=0)]
+    assert (stream.codec.name, stream.width, stream.height) == ("h264", 1280, 720)
+    assert len(pictures) == 10
+    assert np.abs(pictures[-1] - pictures[0]).max() > 100
+
+
+def test_animation_as_gif(strip_run, tmp_path):
+    path = tmp_path / "a.gif"
+    invoke("animate", strip_run.directory, "--seconds", "0.5", "--out", path, "--dark")
+    with Image.open(path) as film:
+        assert film.n_frames == 5
+        assert film.info["duration"] == 100
+        assert film.convert("RGB").getpixel((0, 0)) == pytest.approx((0x15, 0x19, 0x1E), abs=3)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.gif"]
+
+
+def test_the_revolved_view_shows_film_electrode_and_rigid_parts(strip_run):
+    try:
+        revolved.check_rendering()
+    except PlatformError as error:
+        pytest.skip(str(error))
+    picture = imread(invoke("plot", strip_run.directory, "--revolved"))[:, :1300, :3]
+    yellow = (picture[..., 0] > 0.6) & (picture[..., 2] < 0.4)  # the film at 100 MV/m
+    purple = (picture[..., 2] > 0.2) & (picture[..., 1] < 0.1)  # the electrode, without field
+    assert yellow.mean() > 0.01
+    assert purple.mean() > 0.05
+
+
+def test_without_rendering_the_revolved_view_is_refused(strip_run, monkeypatch):
+    monkeypatch.setattr(revolved, "_PROBE", "import os; os.abort()")
+    with pytest.raises(PlatformError, match="apt install libegl1") as caught:
+        invoke("plot", strip_run.directory, "--revolved")
+    assert caught.value.exit_code == 4

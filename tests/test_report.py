@@ -1,0 +1,141 @@
+"""The report of a run, as a file and in a headless browser."""
+
+import html
+import json
+import os
+import re
+import shutil
+import subprocess
+
+import pytest
+from matplotlib.image import imread
+
+import dealib
+from dealib.errors import ConfigError
+from dealib.report import css, facts
+from dealib.report.page import render
+
+BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--hide-scrollbars",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--enable-logging=stderr",
+)
+
+
+@pytest.fixture(scope="module")
+def page(strip_run):
+    """The page of benchmark_strip, written by the command."""
+    from typer.testing import CliRunner
+
+    from dealib.cli.app import app
+
+    result = CliRunner().invoke(app, ["report", str(strip_run.directory)])
+    assert result.exception is None
+    path = strip_run.directory / "report.html"
+    assert result.stdout.strip() == str(path)
+    return path
+
+
+def test_the_page_tells_what_was_solved(page):
+    text = html.unescape(re.sub(r"<[^>]+>", " ", page.read_text(encoding="utf-8")))
+    text = " ".join(text.split())
+    for part in (
+        "benchmark_strip done",
+        "Three strips without air, on which two independent codes agree",
+        "3 mm largest displacement",
+        "0.26193 N force change in “actuate”",
+        "230.3–359.1 pF capacitance",
+        "film thickness 30 µm",
+        "shear modulus 0.334 MPa",
+        "push displacement −3 mm unchanged 12 s 12",
+        "actuate unchanged voltage 2.5 kV 5 s 5",
+        "Steps 17 of 17 planned",
+        "Largest voltage 2.5 kV step 17, t = 17 s, actuate",
+        "dolfinx " + dealib.open(page.parent).info["versions"]["dolfinx"],
+        "grading: tanh",
+    ):
+        assert part in text
+    assert "Warnings" not in text
+
+
+def test_the_page_is_self_contained(page):
+    text = page.read_text(encoding="utf-8")
+    sources = re.findall(r'(?:src|srcset|href)="([^"]{0,30})', text)
+    assert len([s for s in sources if s.startswith("data:image/")]) == 2 * 8
+    assert all(s.startswith(("data:", "#")) for s in sources)
+    assert "@import" not in css()
+    assert page.stat().st_size < 5e6
+
+
+def test_the_energy_balance_closes(strip_run):
+    assert facts.share(strip_run) < 0.2
+    assert dict(facts.energy(strip_run))["Work done at the mount"] == "1.1998 mJ"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        ("0.03 mm", "30 µm"),
+        ("-3.0 mm", "−3 mm"),
+        ("0.333333333 MPa", "0.333333 MPa"),
+        (("0.0 kV", "2.5 kV", "0.0 kV"), "0 → 2.5 → 0 kV"),
+        ((1.15, 1.2), "1.15, 1.2"),
+        ({"stiffness": "0.1 N/mm"}, "stiffness 0.1 N/mm"),
+        (True, "yes"),
+    ],
+)
+def test_values_are_written_for_the_eye(value, text):
+    assert facts.text(value) == text
+
+
+def test_an_unfinished_run_says_so(strip_run, tmp_path):
+    shutil.copytree(strip_run.directory, tmp_path / "run")
+    info = strip_run.info | {"status": "not converged", "error": "stage 'push' stopped"}
+    del info["timings"], info["ended"]
+    (tmp_path / "run" / "run.json").write_text(json.dumps(info))
+    rows = (tmp_path / "run" / "history.csv").read_text().splitlines(keepends=True)[:9]
+    (tmp_path / "run" / "history.csv").write_text("".join(rows))
+    run = dealib.open(tmp_path / "run")
+    assert facts.warnings(run)[0] == "The run is not complete: not converged. stage 'push' stopped"
+    assert dict(facts.solution(run))["Steps"] == "7 of 17 planned"
+    (tmp_path / "run" / "history.csv").unlink()
+    with pytest.raises(ConfigError, match="no step has converged yet"):
+        render(dealib.open(tmp_path / "run"))
+
+
+def browse(page, folder, *options):
+    """Run the browser on a page; returns what it prints."""
+    environment = os.environ | {"DBUS_SESSION_BUS_ADDRESS": "disabled:"}
+    return subprocess.run(
+        [BROWSER, *FLAGS, f"--user-data-dir={folder}", *options, page.as_uri()],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+        env=environment,
+    )
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no chromium here (Debian: apt install chromium)")
+def test_a_browser_shows_the_page(page, tmp_path):
+    found = browse(page, tmp_path / "a", "--dump-dom")
+    assert "CONSOLE" not in found.stderr
+    assert found.stdout.count("<figure") == 9
+    for dark, paper in ((False, 1.0), (True, 0.09)):
+        shot = tmp_path / f"{dark}.png"
+        options = [f"--screenshot={shot}", "--window-size=1180,6800"]
+        options += ["--blink-settings=preferredColorScheme=0"] if dark else []
+        browse(page, tmp_path / f"b{dark}", *options)
+        picture = imread(shot)[..., :3]
+        assert picture.shape[:2] == (6800, 1180)
+        assert picture[3, 3].mean() == pytest.approx(paper, abs=0.01)
+        assert picture[6650:].std() > 0.01  # the page reaches down here
+        assert picture[2000:5000].std() > 0.1  # the pictures are there
