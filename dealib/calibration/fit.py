@@ -79,6 +79,7 @@ class Objective:
         self.plan, self.cases, self.progress = plan, cases, progress
         self.keys = list(plan.fit.parameters)
         self.evaluations = 0
+        self._shown: dict[str, float] = {}
         start = {key: p.start[0] for key, p in plan.fit.parameters.items()}
         histories = self._histories([start])[0]
         for history in histories:
@@ -109,11 +110,13 @@ class Objective:
         values = self.values(parameters)
         self.evaluations += 1
         residual = self._residuals([values])[0]
-        what = ", ".join(
-            f"{key} {self.plan.fit.parameters[key].text(float(f'{value:.6g}'))}"
-            for key, value in values.items()
-        )
-        self.progress(f"sum of squares {float(residual @ residual):12.6g}  {what}")
+        if values != self._shown:  # lmfit asks more than once
+            self._shown = values
+            where = ", ".join(
+                f"{key.rsplit('.', 1)[-1]} {value:.6g} {self.plan.fit.parameters[key].unit}".strip()
+                for key, value in values.items()
+            )
+            self.progress(f"sum of squares {float(residual @ residual):<11.6g}  {where}")
         return residual
 
     def jacobian(self, parameters: lmfit.Parameters) -> Array:
@@ -207,12 +210,11 @@ def run_search(plan: Plan, cases: Cases, progress: Callable[[str], None]) -> Fit
     minimizer = lmfit.Minimizer(
         objective.residual,
         objective.parameters(),
-        max_nfev=method.max_evaluations * (len(objective.keys) + 2),
+        max_nfev=method.max_evaluations,
         Dfun=objective.jacobian,
         col_deriv=False,
         ftol=method.tolerance,
         xtol=method.tolerance,
-        maxfev=method.max_evaluations,
     )
     result = minimizer.minimize(method="leastsq")
     best = objective.values(result.params)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from dealib.config import Case, load
 from dealib.config.messages import validate
-from dealib.config.schema import Section
+from dealib.config.schema import Name, Section
 from dealib.config.source import Source
 from dealib.errors import ConfigError, ValueAt
 from dealib.units import factor, split
@@ -87,7 +87,8 @@ class Method(Section):
     )
     confidence: float = Field(0.95, gt=0.5, lt=1, description="level of the intervals")
     profile: bool = Field(
-        False, description="intervals from the profile of the sum of squares: exact, more runs"
+        False,
+        description="intervals from the profile of the sum of squares: better, but many more cases",
     )
 
 
@@ -100,7 +101,7 @@ class Destination(Section):
 class Fit(Section):
     """A fit: a config, what may change in it, and the data it shall meet."""
 
-    name: str = Field(pattern=r"^[\w.+-]+$", description="short name; also the default directory")
+    name: Name = Field(description="short name; also the default directory")
     description: str = Field("", description="one line, shown in the report")
     base: str = Field(description="config to start from, beside this file")
     set: dict[str, Any] = Field({}, description="keys of the config that differ for the whole fit")
@@ -149,7 +150,9 @@ class Plan:
         try:
             return load(self.base, {**self.fit.set, **changes})
         except ConfigError as error:
-            raise ConfigError(self.source.message(where, f"in {self.base}, {error}")) from None
+            at: Literal["key", "value"] = "key" if where[0] == "parameters" else "value"
+            problem = f"in {self.base}, {error}"
+            raise ConfigError(self.source.message(where, problem, at)) from None
 
     def case(self, index: int, values: dict[str, float]) -> Case:
         """The case of a data set at parameter values.

@@ -5,7 +5,15 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    create_model,
+    model_validator,
+)
 
 from dealib.errors import ValueAt
 from dealib.materials.laws import LAWS, Law
@@ -16,6 +24,15 @@ class Section(BaseModel):
     """Base of all sections: unknown keys are errors, values do not change."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+def _plain_name(name: str) -> str:
+    if not re.fullmatch(r"[\w.+-]+", name):
+        raise ValueError("use letters, digits, '_', '-', '.' and '+' only")
+    return name
+
+
+Name = Annotated[str, AfterValidator(_plain_name)]
 
 
 # --- geometry and mesh ---------------------------------------------------------------------------
@@ -307,7 +324,7 @@ class Output(Section):
 class Config(Section):
     """One run: a device, its mesh, its materials and a load program."""
 
-    name: str = Field(min_length=1, description="short name; also the default run directory")
+    name: Name = Field(min_length=1, description="short name; also the default run directory")
     description: str = Field("", description="one line, shown in reports")
     geometry: Geometry
     mesh: Mesh = Mesh()
@@ -324,8 +341,6 @@ class Config(Section):
 
     @model_validator(mode="after")
     def _consistent(self) -> Config:
-        if not re.fullmatch(r"[\w.+-]+", self.name):
-            raise ValueAt(("name",), "use letters, digits, '_', '-', '.' and '+' only")
         if self.geometry.electrode_thickness > 0 and self.materials.electrode is None:
             raise ValueAt(
                 ("materials", "electrode"),

@@ -83,7 +83,7 @@ def compare(
     rows = _rows([str(s) for s in np.asarray(history["stage"])], stage)
     run_x = np.asarray(history[measured.x], dtype=float)[rows]
     x = measured.columns[measured.x]
-    pieces = branches(x)
+    pieces = branches(x, hold=False)
     partners = _partners(x, pieces, run_x, branches(run_x))
     number = np.zeros(len(x), dtype=np.int64)
     for k, piece in enumerate(pieces):
@@ -104,8 +104,13 @@ def compare(
     return found
 
 
-def branches(x: Array) -> list[slice]:
-    """Pieces of an abscissa between its turning points, each of at least one point."""
+def branches(x: Array, hold: bool = True) -> list[slice]:
+    """Pieces of an abscissa between its turning points, each of at least one point.
+
+    Args:
+        x: Abscissa, in the order of measurement.
+        hold: Points that rest at a turn end the branch before it, else they begin the next one.
+    """
     noise = _TURN * float(np.ptp(x))
     turns, extreme, direction = [0], 0, 0.0
     for i in range(1, len(x)):
@@ -113,7 +118,7 @@ def branches(x: Array) -> list[slice]:
         if direction == 0:
             if abs(step) > noise:
                 direction, extreme = float(np.sign(step)), i
-        elif step * direction >= 0:
+        elif step * direction > 0 or (hold and step == 0):
             extreme = i
         elif -step * direction > noise:
             turns.append(extreme)

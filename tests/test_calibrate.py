@@ -1,0 +1,242 @@
+"""Fits: the true values of synthetic data lie in the reported intervals."""
+
+import csv
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic import FITS, TRUE, texts
+
+from dealib.__main__ import main
+from dealib.calibration import report
+from dealib.calibration.fit import run_search
+from dealib.calibration.schema import Plan
+from dealib.config import load
+from dealib.errors import ConfigError, NotConverged
+
+
+def call(monkeypatch, capsys, *arguments):
+    monkeypatch.setattr(sys, "argv", ["dealib", "calibrate", *map(str, arguments)])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    return (stop.value.code, *capsys.readouterr())
+
+
+def table(path):
+    with path.open() as file:
+        return list(csv.reader(file))[1:]
+
+
+def test_synthetic_data_are_what_they_say():
+    for name, text in texts().items():
+        assert (FITS / name).read_text() == text
+
+
+def test_example_finds_the_true_values(tmp_path, monkeypatch, capsys):
+    fit, out = FITS / "example.yaml", tmp_path / "fit"
+    code, said, _ = call(monkeypatch, capsys, fit, "--out", out, "-j", 2)
+    assert code == 0
+    rows = {key: list(map(float, row[:4])) for key, *row in table(out / "parameters.csv")}
+    assert set(rows) == set(TRUE)
+    for key, true in TRUE.items():
+        value, error, low, high = rows[key]
+        assert low < true < high
+        assert low < value < high
+        assert 0 < error < 0.03 * true  # the data say something
+    plan = Plan(fit)
+    correlation = np.array([list(map(float, row[1:])) for row in table(out / "correlation.csv")])
+    assert np.diag(correlation) == pytest.approx(1)
+    assert correlation[0, 1] < -0.9  # a stiffer film and a more stretched one are much alike
+    assert "hardly tell them apart" in said
+    # the best config stands there to be run
+    best = load(out / "best.yaml").config
+    assert best.materials.film.prestretch[0] == rows["materials.film.prestretch"][0]
+    assert best.mesh.columns == plan.fit.set["mesh.columns"]
+    for name in ("report.txt", "report.md", "report.html"):
+        assert "materials.film.youngs_modulus" in (out / name).read_text()
+    assert (out / "report.html").read_text().count("data:image/png;base64,") == 1
+    residuals = np.array([list(map(float, r)) for r in table(out / "curve_1.csv")])
+    assert np.std(residuals[:, 2] - residuals[:, 1]) == pytest.approx(2e-3, rel=0.5)  # the noise
+
+    # again: refused, then from the cases solved before
+    before = (out / "parameters.csv").read_text()
+    code, _, err = call(monkeypatch, capsys, fit, "--out", out)
+    assert code == 2
+    assert err == (
+        f"dealib: {out} exists and is not empty; --resume it, --overwrite it, or choose another "
+        "--out\n"
+    )
+    code, said, _ = call(monkeypatch, capsys, fit, "--out", out, "--resume", "-j", 1)
+    assert code == 0
+    assert "0 cases solved" in said
+    assert (out / "parameters.csv").read_text() == before
+
+
+# --- the fit itself, on a model in closed form ---------------------------------------------------
+
+FIT = """\
+name: line
+base: base.yaml
+parameters:
+  materials.film.youngs_modulus: {start: 1 MPa, min: 100 kPa, max: 10 MPa}
+  materials.film.relative_permittivity: {start: 2, min: 1, max: 9}
+data:
+  - file: data.csv
+    sigma: {force: 10 mN}
+"""
+
+
+class Lines:
+    """Stands for the solver: F = E u + eps u^2, and no convergence above E = 5 MPa."""
+
+    solved = 0
+
+    def histories(self, cases):
+        found = []
+        for case in cases:
+            film = case.config.materials.film
+            modulus = 2 * (1 + 0.5) * film.shear_modulus
+            self.solved += 1
+            if modulus > 5:
+                found.append(NotConverged("pull-in"))
+                continue
+            u = np.linspace(0, 1, 101)
+            F = modulus * u + film.relative_permittivity * u**2
+            stage = np.array(["push"] * len(u))
+            found.append({"displacement_mm": u, "force_N": F, "stage": stage})
+        return found
+
+
+def line_fit(folder, noise_seed=None, text=FIT, modulus=2.0, permittivity=3.0):
+    base = (FITS.parent / "membrane.yaml").read_text()
+    base = base.replace("shear_modulus: 1 MPa\n    bulk_modulus: 1000 MPa", "youngs_modulus: 1 MPa")
+    (folder / "base.yaml").write_text(base)
+    (folder / "fit.yaml").write_text(text)
+    u = np.linspace(0.05, 1, 20)
+    F = modulus * u + permittivity * u**2
+    if noise_seed is not None:
+        F = F + np.random.default_rng(noise_seed).normal(0, 0.01, len(u))
+    rows = "".join(f"{a!r},{b!r}\n" for a, b in zip(u.tolist(), F.tolist(), strict=True))
+    (folder / "data.csv").write_text("displacement [mm],force [N]\n" + rows)
+    return Plan(folder / "fit.yaml")
+
+
+def search(plan):
+    return run_search(plan, Lines(), lambda line: None)
+
+
+def test_exact_data_give_the_exact_values(tmp_path):
+    fitted = search(line_fit(tmp_path))
+    assert [e.value for e in fitted.estimates] == pytest.approx([2, 3], rel=1e-6)
+    assert [e.unit for e in fitted.estimates] == ["MPa", ""]
+    assert fitted.points == 20
+
+
+def test_intervals_hold_as_often_as_they_say(tmp_path):
+    """Linear least squares: 95 % intervals contain the truth in about 95 of 100 fits."""
+    inside = [
+        e.low < true < e.high
+        for seed in range(20)
+        for e, true in zip(search(line_fit(tmp_path, seed)).estimates, (2, 3), strict=True)
+    ]
+    assert len(inside) == 40
+    assert np.mean(inside) >= 0.85
+
+
+def test_errors_are_those_of_linear_least_squares(tmp_path):
+    fitted = search(line_fit(tmp_path, 1))
+    u = np.linspace(0.05, 1, 20)
+    A = np.column_stack([u, u**2])
+    covariance = np.linalg.inv(A.T @ A) * 0.01**2 * fitted.reduced_chi2
+    errors = np.sqrt(np.diag(covariance))
+    assert [e.error for e in fitted.estimates] == pytest.approx(errors.tolist(), rel=1e-3)
+    expected = covariance[0, 1] / errors.prod()
+    assert fitted.correlation[0, 1] == pytest.approx(expected, abs=1e-3)
+
+
+def test_profile_agrees_with_covariance_where_the_model_is_linear(tmp_path):
+    plain = search(line_fit(tmp_path, 1))
+    profile = search(line_fit(tmp_path, 1, FIT + "method: {profile: true}\n"))
+    for a, b in zip(plain.estimates, profile.estimates, strict=True):
+        assert (b.low, b.high) == pytest.approx((a.low, a.high), rel=1e-3)
+
+
+def test_bounds_are_kept_and_told(tmp_path):
+    fitted = search(line_fit(tmp_path, text=FIT.replace("max: 9", "max: 2.5")))
+    assert 2.49 < fitted.estimates[1].value <= 2.5
+    assert any("relative_permittivity is at its bound" in r for r in report.remarks(fitted))
+
+
+def test_cases_that_do_not_converge_are_stepped_around(tmp_path):
+    start = FIT.replace("start: 1 MPa", "start: 4.9 MPa")
+    fitted = search(line_fit(tmp_path, text=start))
+    assert fitted.estimates[0].value == pytest.approx(2, rel=1e-4)
+    with pytest.raises(NotConverged, match="the case at the start does not converge: pull-in"):
+        search(line_fit(tmp_path, text=FIT.replace("start: 1 MPa", "start: 6 MPa")))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("base: base.yaml", "base: none.yaml", "2:7: base: there is no file TMP/none.yaml"),
+        ("file: data.csv", "file: none.csv", "7:11: data.0.file: there is no file TMP/none.csv"),
+        ("min: 100 kPa", "min: 100 kV",
+         "4:54: parameters.materials.film.youngs_modulus.min: expected a unit such as 'MPa'; 'kV' "
+         "is not a unit of that kind"),
+        ("start: 2,", "start: 12,",
+         "5:49: parameters.materials.film.relative_permittivity.start: the start must lie between "
+         "min and max"),
+        ("start: 2,", "start: two,",
+         "5:49: parameters.materials.film.relative_permittivity.start: expected a number, with its "
+         "unit if it has one, not 'two'"),
+        ("start: 2, ", "",
+         "5:3: parameters.materials.film.relative_permittivity.start: this key is missing: where "
+         "the search starts, such as '1 MPa'"),
+        ("film.relative", "film.relativ",
+         "5:3: parameters.materials.film.relativ_permittivity: in TMP/base.yaml, --set "
+         "materials.film.relativ_permittivity=2.0: unknown key; did you mean "
+         "'relative_permittivity'?"),
+        ("    sigma", "    stage: pull\n    sigma",
+         "8:12: data.0.stage: the program has no such stage; it has prestrain, push, actuate"),
+        ("    sigma", "    stages: pull\n    sigma",
+         "8:5: data.0.stages: unknown key; did you mean 'stage'?"),
+        ("name: line", "name: a b",
+         "1:7: name: use letters, digits, '_', '-', '.' and '+' only"),
+    ],
+)  # fmt: skip
+def test_bad_fit(tmp_path, old, new, expected):
+    assert old in FIT
+    with pytest.raises(ConfigError) as error:
+        line_fit(tmp_path, text=FIT.replace(old, new, 1))
+    said = str(error.value).splitlines()[0]
+    assert said == f"{tmp_path / 'fit.yaml'}:{expected.replace('TMP', str(tmp_path))}"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "expected"),
+    [
+        ("{force: 10 mN}", "{force: 10 mm}",
+         "8:20: data.0.sigma.force: expected a unit such as 'N'; 'mm' is not a unit of that kind"),
+        ("{force: 10 mN}", "{force: 0 mN}", "8:20: data.0.sigma.force: must be above 0"),
+        ("{force: 10 mN}", "{farce: 1 N}",
+         "8:13: data.0.sigma.farce: no curve of this file; it has force"),
+    ],
+)  # fmt: skip
+def test_bad_sigma(tmp_path, old, new, expected):
+    plan = line_fit(tmp_path, text=FIT.replace(old, new, 1))
+    with pytest.raises(ConfigError) as error:
+        search(plan)
+    assert str(error.value).splitlines()[0] == f"{Path(tmp_path) / 'fit.yaml'}:{expected}"
+
+
+def test_foreign_directory_is_left_alone(tmp_path, monkeypatch, capsys):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "mine.txt").write_text("precious")
+    for option in ("--resume", "--overwrite"):
+        code, _, err = call(monkeypatch, capsys, FITS / "example.yaml", "--out", out, option)
+        assert (code, err) == (
+            2, f"dealib: {out} is no directory of a fit; it is left as it is\n",
+        )  # fmt: skip
+    assert [p.name for p in out.iterdir()] == ["mine.txt"]

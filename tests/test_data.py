@@ -1,0 +1,188 @@
+"""Measured curves: headers, units, branches, and how well a run meets them."""
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from dealib.cli.app import app
+from dealib.data.compare import branches, compare
+from dealib.data.measured import read, split_unit
+from dealib.errors import ConfigError
+
+COLUMNS = (
+    "time_s",
+    "displacement_mm",
+    "force_N",
+    "voltage_kV",
+    "capacitance_pF",
+    "elastic_energy_mJ",
+    "field_max_MV_per_m",
+    "thickness_stretch_min",
+    "newton_iterations",
+)
+
+
+@pytest.mark.parametrize(
+    ("header", "expected"),
+    [
+        ("force_N", ("force", "N")),
+        ("Force [mN]", ("force", "mN")),
+        ("field max (V/um)", ("field_max", "V/um")),
+        ("field_max_MV_per_m", ("field_max", "MV/m")),
+        ("elastic_energy_mJ", ("elastic_energy", "mJ")),
+        ("thickness_stretch_min", ("thickness_stretch_min", "")),
+        ("newton_iterations", ("newton_iterations", "")),
+        ("displacement", ("displacement", "")),
+    ],
+)
+def test_headers(header, expected):
+    assert split_unit(header) == expected
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "displacement [m],force [mN]\n-0.001,-100\n-0.002,-250\n",
+        "# a note\ndisplacement_um;Force (N)\n-1000;-0,1\n\n-2000;-0,25\n",
+        "displacement (mm)\tforce [kgf]\n-1\t-0.0101971621\n-2\t-0.0254929053\n",
+    ],
+)
+def test_units_and_delimiters(tmp_path, text):
+    (tmp_path / "data.csv").write_text(text)
+    measured = read(tmp_path / "data.csv", COLUMNS)
+    assert (measured.x, measured.curves) == ("displacement_mm", ["force_N"])
+    assert measured.columns["displacement_mm"] == pytest.approx([-1, -2])
+    assert measured.columns["force_N"] == pytest.approx([-0.1, -0.25])
+
+
+def test_columns_by_other_names(tmp_path):
+    (tmp_path / "data.csv").write_text("no,Load cell [mN],u [mm]\n1,-100,-1\n2,-250,-2\n")
+    names = {"force": "Load cell [mN]", "displacement": "u [mm]"}
+    measured = read(tmp_path / "data.csv", COLUMNS, names, x="displacement")
+    assert measured.x == "displacement_mm"
+    assert measured.columns["force_N"] == pytest.approx([-0.1, -0.25])
+
+
+GOOD = "displacement [mm],force [N]\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", ": expected a header line and at least two lines of numbers"),
+        (GOOD + "1,2\n", ": expected a header line and at least two lines of numbers"),
+        (GOOD + "1,2\n1\n", ":3: 1 values for 2 columns"),
+        (GOOD + "1,2\n1,x\n", ":3: force [N]: 'x' is no number"),
+        (GOOD + "1,nan\n1,2\n", ":2: force [N]: 'nan' is not finite"),
+        ("displacement,force [N]\n1,2\n3,4\n",
+         ": column 'displacement' has no unit; write 'displacement [mm]'"),
+        ("displacement [mm],farce [N]\n1,2\n3,4\n",
+         ": column 'farce [N]' is no quantity of a run; did you mean 'force'?"),
+        ("displacement [mm],force [kV]\n1,2\n3,4\n",
+         ": column 'force [kV]': expected a unit such as 'N'; 'kV' is not a unit of that kind"),
+        ("displacement [mm],force [Nn]\n1,2\n3,4\n",
+         ": column 'force [Nn]': expected a unit such as 'N'; 'Nn' is no unit"),
+        ("force [N]\n1\n3\n", ": a curve needs two columns, x and y"),
+        ("force [N],force [N]\n1,2\n3,4\n", ":1: two columns have the same header"),
+    ],
+)  # fmt: skip
+def test_bad_data(tmp_path, text, expected):
+    path = tmp_path / "data.csv"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as error:
+        read(path, COLUMNS)
+    assert str(error.value) == f"{path}{expected}"
+
+
+def measured_of(tmp_path, x, y):
+    lines = "".join(f"{a!r},{b!r}\n" for a, b in zip(map(float, x), map(float, y), strict=True))
+    (tmp_path / "data.csv").write_text(GOOD + lines)
+    return read(tmp_path / "data.csv", COLUMNS)
+
+
+def test_branches_ignore_noise():
+    x = np.concatenate([np.linspace(0, 1, 21), np.linspace(0.95, 0, 20), np.linspace(0.05, 1, 20)])
+    noisy = x + 0.02 * (-1) ** np.arange(len(x))
+    for values in (x, noisy, -x):
+        ends = [b.stop for b in branches(values)]
+        assert ends == pytest.approx([21, 41, 61], abs=2)
+    assert branches(np.ones(4)) == [slice(0, 4)]
+
+
+def hysteresis():
+    """A run that loads along F = u and unloads along F = u - 0.2 u (1 - u), with a hold between."""
+    up, down = np.linspace(0, 1, 11), np.linspace(1, 0, 11)[1:]
+    u = np.concatenate([up, [1.0], down])
+    F = np.concatenate([up, [1.0], down - 0.2 * down * (1 - down)])
+    stage = ["load"] * 11 + ["hold"] + ["unload"] * 10
+    return {"displacement_mm": u, "force_N": F, "stage": stage}
+
+
+def test_loading_and_unloading_are_told_apart(tmp_path):
+    run = hysteresis()
+    x = np.array([0.1, 0.5, 0.9, 0.9, 0.5, 0.1])
+    y = np.array([0.1, 0.5, 0.9, 0.882, 0.45, 0.082])
+    (found,) = compare(run, measured_of(tmp_path, x, y))
+    assert found.computed == pytest.approx(y, abs=1e-12)
+    assert (found.rmse, found.r2) == (pytest.approx(0, abs=1e-12), pytest.approx(1))
+    # without its unloading, the run's only curve serves for both
+    only = {k: v[:11] for k, v in run.items()}
+    (found,) = compare(only, measured_of(tmp_path, x, y))
+    assert found.computed == pytest.approx(x, abs=1e-12)
+    assert found.of_branch(1).rmse == pytest.approx(np.sqrt((0.018**2 * 2 + 0.05**2) / 3))
+
+
+def test_rmse_and_r2_by_hand(tmp_path):
+    run = {"displacement_mm": [0.0, 2.0], "force_N": [0.0, 4.0], "stage": ["a", "a"]}
+    (found,) = compare(run, measured_of(tmp_path, [0.5, 1.0, 1.5], [1.1, 1.9, 3.1]))
+    assert found.rmse == pytest.approx(0.1)
+    mean = 6.1 / 3
+    total = (1.1 - mean) ** 2 + (1.9 - mean) ** 2 + (3.1 - mean) ** 2
+    assert found.r2 == pytest.approx(1 - 0.03 / total)
+
+
+def test_nothing_is_made_up_beyond_the_run(tmp_path):
+    run = hysteresis()
+    data = measured_of(tmp_path, [0.5, 1.0, 1.5], [0.5, 1.0, 1.5])
+    (found,) = compare(run, data, "load")
+    assert found.inside.tolist() == [True, True, False]
+    (found,) = compare(run, data, "load", extrapolate=True)
+    assert found.computed == pytest.approx([0.5, 1.0, 1.5])
+    with pytest.raises(ConfigError, match=r"spans 5 .. 6, the run 0 .. 1: no point to compare"):
+        compare(run, measured_of(tmp_path, [5, 6], [1, 2]))
+    with pytest.raises(ConfigError, match="the run has no stage 'pull'; it has load, hold, unload"):
+        compare(run, data, "pull")
+
+
+def test_compare_command(strip_run, tmp_path, monkeypatch):
+    """A run against its own history in other units, with a known offset on one curve."""
+    monkeypatch.chdir(tmp_path)
+    h = strip_run.history.iloc[:13]
+    lines = [
+        f"{u / 25.4!r},{1e3 * F + 2!r},{C!r}"
+        for u, F, C in zip(h["displacement_mm"], h["force_N"], h["capacitance_pF"], strict=True)
+    ]
+    head = "displacement [inch],force_mN,capacitance [pF]"
+    (tmp_path / "data.csv").write_text("\n".join([head, *lines]))
+
+    def call(*arguments):
+        return CliRunner().invoke(app, ["compare", str(strip_run.directory), *arguments])
+
+    done = call("data.csv", "--out", "picture.png")
+    assert done.exit_code == 0
+    force, capacitance = done.output.splitlines()[1:3]
+    assert force.split()[:4] == ["force_N", "13", "0.002", "N"]
+    assert capacitance.split()[0] == "capacitance_pF"
+    assert float(capacitance.split()[-1]) == 1
+    assert (tmp_path / "picture.png").read_bytes().startswith(b"\x89PNG")
+    for suffix, head in ((".svg", b"<?xml"), (".pdf", b"%PDF")):
+        assert call("data.csv", "--out", f"picture{suffix}").exit_code == 0
+        assert (tmp_path / f"picture{suffix}").read_bytes().startswith(head)
+    for out, said in (
+        ("picture.png", "picture.png exists; choose another name, or --overwrite it"),
+        ("picture.bmp", "--out picture.bmp: a picture ends in .png, .svg, .pdf"),
+        ("no/picture.png", "no/picture.png: there is no folder no"),
+    ):
+        error = call("data.csv", "--out", out).exception
+        assert isinstance(error, ConfigError)
+        assert str(error) == said
