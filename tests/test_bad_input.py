@@ -493,20 +493,19 @@ def test_unreadable_file(tmp_path):
 
 
 def test_light_commands_import_nothing_heavy():
-    """`check`, `schema` and `--help` import no dolfinx, pandas, matplotlib; check is quick."""
+    """`check`, `schema` and `--help` import no dolfinx, pandas, matplotlib, and are quick."""
     code = (
         "import sys, time; from dealib.__main__ import main\n"
         "try: main()\nexcept SystemExit as stop: assert stop.code == 0\n"
         "heavy = {'dolfinx', 'petsc4py', 'mpi4py', 'pandas', 'matplotlib', 'pyvista', 'vtk',"
         " 'gmsh', 'lmfit', 'h5py'}\n"
-        "print(time.perf_counter() - STARTED, heavy & set(sys.modules), file=sys.stderr)"
+        "print(time.process_time(), heavy & set(sys.modules), file=sys.stderr)"
     )
-    code = "import time; STARTED = time.perf_counter()\n" + code
     for limit, arguments in [
-        (1.0, ["check", "configs/deap100.yaml"]), (1.0, ["schema"]), (0.3, ["--help"]),
+        (0.8, ["check", "configs/deap100.yaml"]), (1.0, ["schema"]), (0.3, ["--help"]),
     ]:  # fmt: skip
-        best = 10.0
-        for _ in range(3):  # the machine may be busy with other tests
+        best = 10.0  # seconds of the processor: the machine may be busy with other tests
+        for _ in range(2):
             done = subprocess.run(
                 [sys.executable, "-c", code, *arguments],
                 cwd=ROOT, capture_output=True, text=True, check=True,
@@ -515,3 +514,11 @@ def test_light_commands_import_nothing_heavy():
             assert heavy.strip() == "set()"
             best = min(best, float(seconds))
         assert best < limit
+
+
+def test_usual_units_are_those_of_pint():
+    from dealib.units import USUAL, _registry
+
+    for unit, factors in USUAL.items():
+        for given, factor in factors.items():
+            assert factor == pytest.approx(_registry()(f"1 {given}").to(unit).magnitude, rel=1e-15)
