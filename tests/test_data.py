@@ -179,8 +179,8 @@ def test_compare_command(strip_run, tmp_path, monkeypatch):
         assert call("data.csv", "--out", f"picture{suffix}").exit_code == 0
         assert (tmp_path / f"picture{suffix}").read_bytes().startswith(head)
     for out, said in (
-        ("picture.png", "picture.png exists; choose another name, or --overwrite it"),
-        ("picture.bmp", "--out picture.bmp: a picture ends in .png, .svg, .pdf"),
+        ("picture.png", "picture.png exists; choose another --out, or --overwrite it"),
+        ("picture.bmp", "--out picture.bmp: the name must end in .png, .svg, .pdf"),
         ("no/picture.png", "no/picture.png: there is no folder no"),
     ):
         error = call("data.csv", "--out", out).exception

@@ -9,10 +9,7 @@ import typer
 
 from dealib.data.compare import Comparison, compare
 from dealib.data.measured import read, split_unit
-from dealib.errors import ConfigError
 from dealib.results.reader import Run
-
-PICTURES = (".png", ".svg", ".pdf")
 
 
 def compare_run(run: Run, data: Path, stage: str | None, out: Path | None, overwrite: bool) -> None:
@@ -22,12 +19,9 @@ def compare_run(run: Run, data: Path, stage: str | None, out: Path | None, overw
         ConfigError: If data and run do not fit, or the picture is in the way.
     """
     if out is not None:
-        if out.suffix not in PICTURES:
-            raise ConfigError(f"--out {out}: a picture ends in {', '.join(PICTURES)}")
-        if out.exists() and not overwrite:
-            raise ConfigError(f"{out} exists; choose another name, or --overwrite it")
-        if not out.parent.is_dir():
-            raise ConfigError(f"{out}: there is no folder {out.parent}")
+        from dealib.plots.style import FORMATS, check_target
+
+        check_target(out, FORMATS, overwrite)
     history = {str(name): run.history[name].to_numpy() for name in run.history}
     numeric = [name for name, values in history.items() if values.dtype.kind in "fi"]
     found = compare(history, read(data, numeric), stage)
