@@ -76,7 +76,8 @@ def test_the_script_draws_the_standard_view(strip_run, tmp_path):
         cwd=tmp_path,
     )
     image = imread(picture)[..., :3]
-    strip = image[:, :1200]  # left of the colour bar
-    coloured = np.ptp(strip, axis=-1) > 0.25
     assert image.shape[:2] == (900, 1600)
-    assert coloured.mean() > 0.005
+    strip = image[:, 200:1200]  # between the axes and the colour bar
+    rows, columns = np.nonzero(np.ptp(strip, axis=-1) > 0.25)
+    assert np.ptp(columns) > 500
+    assert np.ptp(columns) / np.ptp(rows) == pytest.approx(4 / 3.05, rel=0.03)  # 3 mm down

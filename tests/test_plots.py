@@ -1,12 +1,17 @@
 """Curves, contours, profiles, animations and the revolved view, from result files."""
 
+import shutil
+from pathlib import Path
+
 import av
 import numpy as np
 import pytest
+from conftest import case
 from matplotlib.image import imread
 from PIL import Image
 from typer.testing import CliRunner
 
+import dealib
 from dealib.cli.app import app
 from dealib.errors import DealibError, PlatformError
 from dealib.geometry import names
@@ -16,7 +21,7 @@ from dealib.plots.curves import curves, overview
 from dealib.plots.labels import label
 from dealib.plots.profiles import lines, surface_charge
 from dealib.plots.quantities import QUANTITIES, SURFACE_CHARGE, quantity
-from dealib.plots.shape import Shape, reference_grid
+from dealib.plots.shape import Shape, reference_grid, typical_step
 from dealib.results.elements import Cell
 from dealib.results.fields import fields
 
@@ -279,3 +284,26 @@ def test_without_rendering_the_revolved_view_is_refused(strip_run, monkeypatch):
     with pytest.raises(PlatformError, match="apt install libegl1") as caught:
         invoke("plot", strip_run.directory, "--revolved")
     assert caught.value.exit_code == 4
+
+
+def test_a_picture_of_a_step_defaults_to_the_largest_voltage(strip_run, tmp_path):
+    copied = shutil.copytree(strip_run.directory, tmp_path / "run")
+    history = strip_run.history.copy()
+    history.loc[history["step"] == 17, "voltage_kV"] = 0.0
+    history.to_csv(copied / "history.csv", index=False)
+    assert typical_step(dealib.open(copied)) == 16
+    history["voltage_kV"] = 0.0
+    history.to_csv(copied / "history.csv", index=False)
+    assert 12 <= typical_step(dealib.open(copied)) <= 17  # 3 mm down
+
+
+def test_a_run_without_fields_has_curves_and_a_report_only(tmp_path):
+    small = {"mesh__columns": 8, "mesh__film_rows": 2, "mesh__grading": "ends"}
+    run = dealib.simulate(case("benchmark_strip", output__fields="none", **small), tmp_path / "a")
+    with pytest.raises(DealibError, match=r"no fields are stored \(output.fields is 'none'"):
+        invoke("plot", run.directory, "--field", "E")
+    with pytest.raises(DealibError, match="an animation needs at least two stored steps"):
+        invoke("animate", run.directory)
+    page = Path(invoke("report", run.directory)).read_text(encoding="utf-8")
+    assert "No fields are stored" in page
+    assert page.count("data:image/png") == 2  # the mesh, light and dark

@@ -139,7 +139,10 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="replace the file g
 Dark = Annotated[bool, typer.Option("--dark", help="on a dark background")]
 Step = Annotated[
     int | None,
-    typer.Option(metavar="N", help="step of history.csv; -1 is the last stored one (default)"),
+    typer.Option(
+        metavar="N",
+        help="step of history.csv, or -1: the last stored one; default: largest voltage",
+    ),
 ]
 
 

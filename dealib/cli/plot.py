@@ -44,7 +44,6 @@ def plot(
         raise ConfigError("--step belongs to --field, --profile or --revolved")
     if x is not None and not ys:
         raise ConfigError(f"-x {x}: say with -y what to draw against it")
-    step = -1 if step is None else step
     from dealib.plots import style
 
     if out is not None:
@@ -63,15 +62,15 @@ def _figure(
     field: str | None,
     profiles: Sequence[str],
     revolved: bool,
-    step: int,
+    step: int | None,
     look: Any,
 ) -> tuple[Any, str]:
     """The figure and the name of its file."""
     if field is not None or profiles or revolved:
         from dealib.plots import quantities
-        from dealib.plots.shape import Shape
+        from dealib.plots.shape import Shape, typical_step
 
-        shape = Shape(runs[0], step)
+        shape = Shape(runs[0], typical_step(runs[0]) if step is None else step)
         if profiles:
             from dealib.plots.profiles import draw_profiles
 

@@ -21,16 +21,19 @@ def overview(runs: Sequence[Run]) -> Any:
     voltage = _panel_beside(time)
     for k, run in enumerate(runs):
         h = run.history
-        style = {"color": f"C{k}", "marker": ".", "ms": 4}
+        dash = {"color": f"C{k}", "ls": DASHES[k % len(DASHES)]}
+        style = dash | {"marker": ".", "ms": 4}
         force.plot(h["displacement_mm"], h["force_N"], label=names(runs)[k], **style)
-        time.plot(h["time_s"], h["displacement_mm"], color=f"C{k}")
+        time.plot(h["time_s"], h["displacement_mm"], **dash)
         if len(runs) == 1:
             force_axis = time.twinx()
             force_axis.plot(h["time_s"], h["force_N"], color="C1", ls="--")
             _colour(time, "left", "C0")
             _colour(force_axis, "right", "C1")
             force_axis.set_ylabel(label("force_N"))
-        voltage.plot(h["time_s"], h["voltage_kV"], color="C2" if len(runs) == 1 else f"C{k}")
+        if len(runs) == 1:
+            dash["color"] = "C2"
+        voltage.plot(h["time_s"], h["voltage_kV"], **dash)
         capacitance.plot(h["displacement_mm"], h["capacitance_pF"], **style)
         field.plot(h["voltage_kV"], h["field_max_MV_per_m"], **style)
     force.set(xlabel=label("displacement_mm"), ylabel=label("force_N"))
@@ -74,7 +77,7 @@ def curves(runs: Sequence[Run], x: str, ys: Sequence[str]) -> Any:
                     run.history[x],
                     run.history[column],
                     color=f"C{k if len(runs) > 1 else n}",
-                    ls=DASHES[n % len(DASHES)],
+                    ls=DASHES[(k + n) % len(DASHES)],
                     marker=".",
                     ms=4,
                     label=", ".join(several),
@@ -82,7 +85,7 @@ def curves(runs: Sequence[Run], x: str, ys: Sequence[str]) -> Any:
         unit = split(columns[0])[1]
         axis.set_ylabel(label(columns[0]) if len(columns) == 1 else kind(unit))
         _steady(axis)
-        if len(runs) > 1 or len(columns) > 1:
+        if len(columns) > 1 or (len(runs) > 1 and axis is axes[0, 0]):
             axis.legend()
     axes[-1, 0].set_xlabel(label(x))
     if len(runs) == 1:

@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from dealib.geometry import names
-from dealib.plots.quantities import SURFACE_CHARGE, Quantity
+from dealib.plots.quantities import NOISE, SURFACE_CHARGE, Quantity
 from dealib.plots.shape import Shape
 from dealib.results.elements import Array
 
@@ -31,7 +31,7 @@ def surface_charge(shape: Shape, face: str) -> tuple[Array, Array]:
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     into_film = -1.0 if face == names.FILM_TOP else 1.0
     D = shape.arrays["D"][nodes, :2]
-    return R, into_film * np.einsum("ni,ni->n", D, normal)
+    return R, into_film * np.einsum("ni,ni->n", np.where(np.abs(D) < NOISE, 0.0, D), normal)
 
 
 def lines(shape: Shape, what: Quantity) -> dict[str, tuple[Array, Array]]:

@@ -12,6 +12,7 @@ from dealib.config.source import did_you_mean
 from dealib.errors import ConfigError
 from dealib.results.elements import Array
 
+NOISE = 1e-14  # rounding, in internal units: at 0 V the field is 1e-19 MV/m
 _INDEX = {"R": 0, "Z": 1, "T": 2}
 
 
@@ -48,7 +49,7 @@ class Quantity:
             values = values[index]
         elif values.ndim == 2:
             values = np.linalg.norm(values, axis=1)
-        return self.factor * values
+        return self.factor * np.where(np.abs(values) < NOISE, 0.0, values)
 
 
 def _all() -> dict[str, Quantity]:

@@ -58,8 +58,8 @@ def draw_revolved(shape: Shape, what: Quantity, look: Theme) -> Any:
     axis.set_axis_off()
     colours = plt.cm.ScalarMappable(norm, cmap)
     figure.colorbar(colours, ax=axis, extend=extend, label=what.title, shrink=0.8, pad=0.01)
-    figure.suptitle(f"{shape.run.info['name']}, {shape.when}", fontsize="medium")
-    axis.set_title(scale_note(magnification(shape)))
+    note = scale_note(magnification(shape))
+    axis.set_title(f"{shape.run.info['name']}, {shape.when}\n{note}")
     return figure
 
 

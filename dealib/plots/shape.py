@@ -27,11 +27,8 @@ def index_of(run: Run, step: int) -> int:
     Raises:
         ConfigError: If its fields are not stored.
     """
+    _check_stored(run)
     stored = run.stored_steps
-    if not stored:
-        raise ConfigError(
-            f"{run.directory}: no fields are stored (output.fields is 'none', or no step converged)"
-        )
     if -len(stored) <= step < 0:
         return step % len(stored)
     if step in stored:
@@ -40,6 +37,21 @@ def index_of(run: Run, step: int) -> int:
         f"{run.directory}: the fields of step {step} are not stored; "
         f"stored: {stored[0]} .. {stored[-1]}, {len(stored)} steps"
     )
+
+
+def typical_step(run: Run) -> int:
+    """The stored step of the largest voltage, else of the largest displacement."""
+    _check_stored(run)
+    rows = run.history.set_index("step").loc[run.stored_steps]
+    column = "voltage_kV" if (rows["voltage_kV"] != 0).any() else "displacement_mm"
+    return int(rows.index[int(rows[column].abs().argmax())])
+
+
+def _check_stored(run: Run) -> None:
+    if not run.stored_steps:
+        raise ConfigError(
+            f"{run.directory}: no fields are stored (output.fields is 'none', or no step converged)"
+        )
 
 
 def reference_grid(cell: Cell, n: int) -> tuple[Array, Ints]:

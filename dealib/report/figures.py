@@ -17,7 +17,7 @@ from dealib.plots.labels import label
 from dealib.plots.mesh import draw_mesh
 from dealib.plots.profiles import draw_profiles
 from dealib.plots.quantities import SURFACE_CHARGE, quantity
-from dealib.plots.shape import Shape
+from dealib.plots.shape import Shape, typical_step
 from dealib.plots.style import Theme, save, theme
 from dealib.results.reader import Run
 
@@ -50,13 +50,6 @@ def both(draw: Callable[[Theme], Any], kind: str) -> Picture:
 
 def _uri(data: io.BytesIO, kind: str) -> str:
     return f"data:{_MIME[kind]};base64,{base64.b64encode(data.getvalue()).decode('ascii')}"
-
-
-def typical_step(run: Run) -> int:
-    """The stored step of the largest voltage, else of the largest displacement."""
-    rows = run.history.set_index("step").loc[run.stored_steps]
-    column = "voltage_kV" if (rows["voltage_kV"] != 0).any() else "displacement_mm"
-    return int(rows.index[int(rows[column].abs().argmax())])
 
 
 def pictures(run: Run) -> dict[str, Picture]:

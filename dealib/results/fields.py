@@ -37,6 +37,10 @@ def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
         "maxwell_stress": np.zeros((n, 3, 3)),
         "J": np.ones(n),
     }
+
+    def at_nodes(values: Array) -> Array:
+        return np.asarray(np.einsum("ng,cg...->cn...", mesh.cell.from_gauss, values))
+
     for name, material in local.region_materials(config).items():
         cells = mesh.in_region(name)
         if len(cells) == 0:
@@ -45,10 +49,6 @@ def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
         k = local.kinematics(
             mesh.cell, mesh.corners[cells], mesh.cell.gauss, nodal[..., :2], nodal[..., 2]
         )
-
-        def at_nodes(values: Array) -> Array:
-            return np.asarray(np.einsum("ng,cg...->cn...", mesh.cell.from_gauss, values))
-
         found = {"J": at_nodes(k.J)}
         if material.permittivity:
             e = at_nodes(k.e)
