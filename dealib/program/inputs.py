@@ -36,10 +36,13 @@ class Drive:
 
     def at(self, cycle_fraction: float) -> float:
         """The input at a time, in cycles since the stage began."""
-        s = cycle_fraction - np.floor(cycle_fraction)
-        if s == 0 and cycle_fraction > 0:
-            s = 1.0
-        return float(np.interp(s, np.linspace(0, 1, len(self.knots)), self.knots))
+        cycle = max(int(np.ceil(cycle_fraction)) - 1, 0)
+        knots = self.in_cycle(cycle)
+        return float(np.interp(cycle_fraction - cycle, np.linspace(0, 1, len(knots)), knots))
+
+    def in_cycle(self, cycle: int) -> tuple[float, ...]:
+        """The knots of a cycle, counted from 0: only the first one has to come to the list."""
+        return self.knots[1:] if cycle and self.knots[0] != self.knots[-1] else self.knots
 
     def law(self, cycle_fraction: float) -> PortLaw:
         """The port's equation at a time."""
@@ -105,10 +108,10 @@ def milestones(stage: Stage, drives: list[Drive]) -> tuple[list[float], set[floa
         All times in order, and those among them where an input has a corner.
     """
     corners = {
-        round(c + k / (len(d.knots) - 1), 12)
+        round(c + k / (len(d.in_cycle(c)) - 1), 12)
         for d in drives
         for c in range(stage.cycles)
-        for k in range(1, len(d.knots))
+        for k in range(1, len(d.in_cycle(c)))
     }
     grid = {
         round(c + k / stage.steps, 12)
