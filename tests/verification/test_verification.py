@@ -39,12 +39,12 @@ def test_the_table_replaces_the_one_before(tmp_path):
 
 @pytest.mark.slow
 def test_graded_meshes_converge_and_uniform_ones_lag(tmp_path):
-    """As Figs. 12 and 13 say: 16 graded columns beat 180 uniform ones."""
+    """As Figs. 12 and 13 say: 30 graded columns beat 180 uniform ones, and at a higher rate."""
     picture = tmp_path / "convergence.png"
     table = mesh_convergence.study(picture)
     assert picture.stat().st_size > 10_000
     assert table.count("\n") == 18
     (_, uniform), (_, graded) = (mesh_convergence.errors(g) for g in ("uniform", "ends"))
-    assert graded[1, 0] < uniform[-1, 0]  # the end displacement
-    assert all(graded[1, 1:4:2] < uniform[-1, 1:4:2])  # stress at both ends
-    assert min(mesh_convergence.rates("ends")) > 2
+    assert all(graded[2] < uniform[-1])
+    slow, fast = mesh_convergence.rates("uniform"), mesh_convergence.rates("ends")
+    assert all(f > s for f, s in zip(fast, slow, strict=True))
