@@ -33,6 +33,8 @@ def main() -> int:
     )
     given = parser.parse_args()
     if given.convergence is not None:
+        if given.convergence.exists():
+            parser.error(f"{given.convergence} exists; it would be overwritten")
         from verification.mesh_convergence import study
 
         print(study(given.convergence))

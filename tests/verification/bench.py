@@ -12,6 +12,7 @@ from dealib.fem.newton import Newton
 from dealib.fem.problem import Problem, build_problem
 from dealib.fem.system import PortLaw, Timings
 from dealib.program.increments import Increments
+from dealib.program.predictor import Predictor
 
 
 def config(geometry: dict[str, Any], film: dict[str, Any], **sections: Any) -> Config:
@@ -74,12 +75,17 @@ class Bench:
 
     def _ramp(self, steps: int, laws: Callable[[float], dict[str, PortLaw]]) -> Bench:
         """Follow the ports' equations from 0 to 1, in smaller steps where Newton fails."""
-        increments = Increments(self.newton, self.problem.config.solver)
+
+        def apply(at: float) -> tuple[float]:
+            self.system.ports.update(laws(at))
+            return (at,)
+
+        increments = Increments(self.newton, self.problem.config.solver, Predictor())
         targets = [k / steps for k in range(1, steps + 1)]
         for _ in increments.run(
             targets,
             {1.0},
-            lambda at: self.system.ports.update(laws(at)),
+            apply,
             lambda at: f"stopped at {at:g} of the ramp",
         ):
             pass

@@ -106,7 +106,7 @@ def study(picture: Path) -> str:
         clock.set(ylabel="processor time (s), dotted")
         middle.plot(elements, values[:, 1:], "o-", label=[f"point {k}" for k in (1, 2, 3)])
         middle.set(ylabel=r"$\sigma_{rr}$ (MPa)")
-        middle.legend(loc="center right", bbox_to_anchor=(1, 0.8 if row else 0.36))
+        middle.legend(loc="upper right")
         slopes = rates(grading)
         for name, error, slope in zip(QUANTITIES, found.T, slopes, strict=True):
             right.loglog(elements, error, "o-", label=f"{name}, rate {slope:.1f}")

@@ -2,6 +2,7 @@
 
 import pytest
 
+from verification import mesh_convergence
 from verification.cases import CASES
 from verification.table import BEGIN, END, Row, markdown, write_into
 
@@ -34,3 +35,16 @@ def test_the_table_replaces_the_one_before(tmp_path):
     with pytest.raises(ValueError, match="no lines"):
         write_into(readme, "| new |")
     assert readme.read_text() == "no markers"
+
+
+@pytest.mark.slow
+def test_graded_meshes_converge_and_uniform_ones_lag(tmp_path):
+    """As Figs. 12 and 13 say: 30 graded columns beat 180 uniform ones, and at a higher rate."""
+    picture = tmp_path / "convergence.png"
+    table = mesh_convergence.study(picture)
+    assert picture.stat().st_size > 10_000
+    assert table.count("\n") == 18
+    (_, uniform), (_, graded) = (mesh_convergence.errors(g) for g in ("uniform", "ends"))
+    assert all(graded[2] < uniform[-1])
+    slow, fast = mesh_convergence.rates("uniform"), mesh_convergence.rates("ends")
+    assert all(f > s for f, s in zip(fast, slow, strict=True))
