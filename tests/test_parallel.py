@@ -126,9 +126,11 @@ def parallel(request, configs, tmp_path_factory) -> Path:
 def assert_histories_equal(one: pd.DataFrame, other: pd.DataFrame) -> None:
     """All columns equal, to 1e-8 of the column's largest value where rounding can enter."""
     assert list(one) == list(other)
-    exact = ["step", "time_s", "stage", "newton_iterations"]
+    exact, count = ["step", "time_s", "stage"], "newton_iterations"
     pd.testing.assert_frame_equal(one[exact], other[exact])
-    for column in one.columns.drop(exact):
+    # the tolerance is so near rounding that it may take an iteration more
+    assert (one[count] - other[count]).abs().max() <= 1
+    for column in one.columns.drop([*exact, count]):
         size = max(one[column].abs().max(), 1e-9)
         assert other[column].to_numpy() == pytest.approx(one[column], abs=1e-8 * size), column
 

@@ -68,7 +68,8 @@ def scale(shape: Shape, values: Array, look: Theme) -> tuple[Normalize, str, str
 def _by_area(shape: Shape, values: Array, fractions: Array) -> Array:
     """Values below which the given fractions of the strips' area lie."""
     a, b, c = np.moveaxis(shape.strips.points[shape.strips.triangles], 1, 0)
-    area = np.abs(np.cross(b - a, c - a))
+    (x1, y1), (x2, y2) = np.moveaxis(b - a, -1, 0), np.moveaxis(c - a, -1, 0)
+    area = np.abs(x1 * y2 - x2 * y1)  # NumPy 2.5 has no cross product in the plane
     mean = values[shape.strips.triangles].mean(axis=1)
     order = np.argsort(mean)
     share = np.cumsum(area[order])
