@@ -11,6 +11,7 @@ import dealib
 from dealib.config.schema import Solver
 from dealib.errors import NotConverged
 from dealib.program.increments import Increments, Place
+from dealib.program.predictor import Predictor
 
 
 class Vector:
@@ -24,8 +25,20 @@ class Vector:
         target.value = self.value
         return target
 
-    def axpby(self, alpha, beta, x):
-        self.value = alpha * x.value + beta * self.value
+    def duplicate(self):
+        return Vector()
+
+    def set(self, value):
+        self.value = value
+
+    def axpy(self, alpha, x):
+        self.value += alpha * x.value
+
+    def maxpy(self, alphas, xs):
+        self.value += sum(a * x.value for a, x in zip(alphas, xs, strict=True))
+
+    def norm(self):
+        return abs(self.value)
 
 
 class FakeNewton:
@@ -46,13 +59,16 @@ class FakeNewton:
         q.value = self.input
 
 
-def drive(newton, targets, corners=(), path=lambda t: t, place=None, **settings):
+def drive(newton, targets, corners=(), path=lambda t: t, place=None, order=1, **settings):
     """Times of the converged states."""
 
     def apply(at):
         newton.input = path(at)
+        return (path(at),)
 
-    increments = Increments(newton, Solver(**settings), place)
+    predictor = Predictor(order)
+    predictor.add(0.0, (path(0.0),), newton.system.q)
+    increments = Increments(newton, Solver(**settings), predictor, place)
     run = increments.run(targets, set(corners), apply, lambda at: f"stopped on the way to {at:g}")
     times = []
     for time in run:
@@ -71,7 +87,7 @@ def test_without_trouble_only_the_targets():
 
 def test_cut_back_until_it_converges_and_targets_hit_exactly():
     newton = FakeNewton(reach=0.1)
-    times = drive(newton, [0.3, 1.0], predictor="none")
+    times = drive(newton, [0.3, 1.0], order=0)
     assert {0.3, 1.0} <= set(times)
     steps = [b - a for a, b in zip([0.0, *times], times, strict=False)]
     assert max(steps) <= 0.1 + 1e-12
@@ -80,7 +96,7 @@ def test_cut_back_until_it_converges_and_targets_hit_exactly():
 
 def test_no_sliver_before_a_target():
     """What is left before a target is never a small rest of an increment."""
-    times = drive(FakeNewton(reach=0.3), [1.0], predictor="none")
+    times = drive(FakeNewton(reach=0.3), [1.0], order=0)
     steps = [b - a for a, b in zip([0.0, *times], times, strict=False)]
     assert min(steps) >= 0.125
 
@@ -88,10 +104,10 @@ def test_no_sliver_before_a_target():
 def test_growth_while_steps_are_easy_and_none_while_they_are_hard():
     newton = FakeNewton(reach=0.1, iterations=3)
     place = Place(size=1 / 64)
-    easy = drive(newton, [1.0], place=place, predictor="none", target_iterations=4)
+    easy = drive(newton, [1.0], place=place, order=0, target_iterations=4)
     assert easy[:3] == pytest.approx([1 / 64, 3 / 64, 7 / 64])
     newton = FakeNewton(reach=0.1, iterations=5)
-    hard = drive(newton, [1.0], place=Place(size=1 / 64), predictor="none", target_iterations=4)
+    hard = drive(newton, [1.0], place=Place(size=1 / 64), order=0, target_iterations=4)
     assert len(hard) >= 60
 
 
@@ -99,10 +115,10 @@ def test_corners_are_not_extrapolated_across():
     newton = FakeNewton()
 
     def path(t):
-        return t if t <= 0.5 else 1 - t
+        return t if t <= 0.5 else 0.5 + 3 * (t - 0.5)
 
     drive(newton, [0.25, 0.5, 0.75, 1.0], corners=[0.5, 1.0], path=path)
-    assert newton.starts == pytest.approx([0.0, 0.5, 0.5, 0.0])
+    assert newton.starts == pytest.approx([0.0, 0.5, 0.5, 2.0])
 
 
 def test_failed_extrapolation_falls_back_to_the_last_state():
@@ -116,8 +132,9 @@ def test_gives_up_after_max_cuts_and_rolls_back():
 
     def apply(at):
         newton.input, newton.reach = at, 1.0 if at <= 0.5 else 0.0
+        return (at,)
 
-    run = Increments(newton, Solver(max_cuts=3, predictor="none"))
+    run = Increments(newton, Solver(max_cuts=3), Predictor(0))
     steps = run.run([0.5, 1.0], set(), apply, lambda at: f"on the way to {at:g}")
     assert next(steps) == 0.5
     with pytest.raises(NotConverged, match=r"on the way to 0\.5625 \(too far\)"):
@@ -128,29 +145,30 @@ def test_gives_up_after_max_cuts_and_rolls_back():
 
 
 def test_goes_on_from_a_place_as_if_never_stopped():
-    settings, targets = Solver(target_iterations=4), [0.4, 1.0]
+    """Also along the way back, which the predictor remembers."""
+    settings, targets = Solver(target_iterations=4), [0.4, 1.0, 1.6, 2.0]
 
-    def begin(newton, place=None, earlier=None):
-        increments = Increments(newton, settings, place, earlier)
+    def begin(newton, predictor, place=None):
+        increments = Increments(newton, settings, predictor, place)
 
         def apply(at):
-            newton.input = at**2
+            newton.input = min(at, 2 - at) ** 2
+            return (newton.input,)
 
-        return increments, increments.run(targets, {1.0}, apply, str)
+        return increments, increments.run(targets, {1.0, 2.0}, apply, str)
 
     whole = FakeNewton(reach=0.03)
-    _, run = begin(whole)
+    _, run = begin(whole, Predictor())
     expected = list(run)
     for stop in range(1, len(expected)):
-        first = FakeNewton(reach=0.03)
-        increments, run = begin(first)
-        states = [Vector(0.0)]
+        first, predictor = FakeNewton(reach=0.03), Predictor()
+        increments, run = begin(first, predictor)
         for _ in range(stop):
             next(run)
-            states.append(first.system.q.copy())
-        second = FakeNewton(reach=0.03)
-        states[-1].copy(second.system.q)
-        _, rest = begin(second, copy.copy(increments.place), states[-2])
+        second, again = FakeNewton(reach=0.03), Predictor()
+        first.system.q.copy(second.system.q)
+        again.restore(predictor.plain(), [known.q.copy() for known in predictor.path])
+        _, rest = begin(second, again, copy.copy(increments.place))
         assert list(rest) == expected[stop:]
         assert first.starts + second.starts == whole.starts
 

@@ -9,7 +9,9 @@ import fcntl
 import functools
 import logging
 import os
+import platform
 import sys
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
