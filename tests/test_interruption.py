@@ -106,12 +106,15 @@ def assert_readable(directory, whole):
 def kill_at_random(tmp_path, whole, times, seed):
     whole, seconds = whole
     rng, found = random.Random(seed), []
-    for i in range(times):
-        directory = tmp_path / f"killed_{i}"
-        pid = in_child(small(), directory)
-        time.sleep(rng.uniform(0, 1.1 * seconds))
+    while len(found) < times:
+        directory = tmp_path / f"killed_{len(found)}"
+        pid = in_child(small(), directory, overwrite=True)
+        delay = rng.uniform(0, seconds)
+        time.sleep(delay)
         os.kill(pid, signal.SIGKILL)
-        exit_code(pid)
+        if exit_code(pid) == 0:  # it was done: not a kill
+            seconds = min(seconds, delay)
+            continue
         found.append(assert_readable(directory, whole) if directory.exists() else 0)
         if not directory.exists():
             continue
