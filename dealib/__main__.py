@@ -31,7 +31,7 @@ def main() -> None:
         if _rank() == 0:
             print(f"dealib: {error}", file=sys.stderr)
         code = error.exit_code
-        if code not in (2, 3):  # those are raised on every rank
+        if not error.everywhere:
             _abort_all_ranks(code)
     except ModuleNotFoundError as error:
         if error.name and error.name.split(".")[0] == "dealib":

@@ -4,9 +4,16 @@ from __future__ import annotations
 
 
 class DealibError(Exception):
-    """Base of all errors that dealib explains to its user."""
+    """Base of all errors that dealib explains to its user.
+
+    Attributes:
+        exit_code: Of the command line.
+        everywhere: Whether every rank of a parallel run raises it; if not, the others must be
+            stopped.
+    """
 
     exit_code = 1
+    everywhere = True
 
 
 class ConfigError(DealibError):
@@ -38,6 +45,7 @@ class PlatformError(DealibError):
     """The machine lacks something that dealib needs."""
 
     exit_code = 4
+    everywhere = False
 
 
 class Interrupted(DealibError):
@@ -46,8 +54,10 @@ class Interrupted(DealibError):
     Args:
         message: What was saved and how to go on.
         signal: Number of the signal; the exit code is 128 + signal.
+        everywhere: Whether every rank raises it.
     """
 
-    def __init__(self, message: str, signal: int) -> None:
+    def __init__(self, message: str, signal: int, everywhere: bool = False) -> None:
         super().__init__(message)
+        self.signal, self.everywhere = signal, everywhere
         self.exit_code = 128 + signal

@@ -356,7 +356,8 @@ def test_existing_output_is_left_alone(dealib, tmp_path):
     (out / "mine.txt").write_text("precious")
     before = snapshot(tmp_path)
     run = ("run", "case.yaml", "--out", "out")
-    said = "dealib: out exists and is not empty; choose another --out, or --overwrite it\n"
+    said = "dealib: out exists and is not empty; choose another --out, --overwrite it, or "
+    said += "--resume it if it is an unfinished run\n"
     assert dealib(*run) == (2, "", said)
     said = "dealib: out is no run directory of dealib; it is not overwritten\n"
     assert dealib(*run, "--overwrite") == (2, "", said)

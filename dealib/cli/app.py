@@ -30,10 +30,14 @@ def run(
     set: Set = None,
     out: Annotated[Path | None, typer.Option(help="run directory; default the config's")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an existing run")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="go on with an unfinished run")] = False,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="mesh and compile, print what would be solved")
     ] = False,
     mpi: Annotated[int, typer.Option(min=1, help="number of MPI ranks")] = 1,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="show increments and Newton's residuals")
+    ] = False,
 ) -> None:
     """Run a config."""
     from dealib.config import load
@@ -45,7 +49,7 @@ def run(
         launch(mpi)
     from dealib.cli.run import run_case
 
-    run_case(case, out, overwrite=overwrite, dry_run=dry_run)
+    run_case(case, out, overwrite=overwrite, resume=resume, dry_run=dry_run, verbose=verbose)
 
 
 @app.command()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+
 from dealib.errors import ConfigError
 from dealib.results.reader import Run
 from dealib.results.summary import actuations
@@ -39,12 +41,23 @@ def summary(run: Run) -> str:
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
 
 
+def resume_command(run: Run) -> str:
+    """The command that goes on with a run."""
+    info = run.info
+    overrides = [part for assignment in info["set"] for part in ("--set", assignment)]
+    words = ["dealib", "run", info["config"], *overrides, "--out", str(run.directory), "--resume"]
+    return shlex.join(words)
+
+
 def describe(run: Run) -> str:
     """Status, summary, versions and timings of a run directory."""
     info = run.info
-    lines = [f"{info['name']}: {info['status']}"]
+    lines = [f"{info['name']}: {run.status}"]
     if "error" in info:
         lines.append(str(info["error"]))
+    lines += [f"warning: {text}" for text in info.get("warnings", ())]
+    if run.status in ("killed", "interrupted", "failed"):
+        lines.append(f"go on with: {resume_command(run)}")
     try:
         lines += ["", summary(run)]
     except ConfigError as error:

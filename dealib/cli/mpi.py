@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
+import subprocess
 import sys
 from pathlib import Path
+from types import FrameType
 from typing import NoReturn
 
 from dealib.errors import PlatformError
@@ -23,12 +26,31 @@ _LEFT_BEHIND = ("PMIX_", "PMI_", "ORTE_", "OMPI_MCA_ess", "OMPI_MCA_orte", "OMPI
 
 
 def launch(ranks: int) -> NoReturn:
-    """Replace this process by mpirun of the same command line, without its `--mpi`."""
+    """Run the same command line without its `--mpi` under mpirun, and exit as it does.
+
+    mpirun answers SIGINT and SIGTERM by killing its ranks within seconds. So it does not get them:
+    the ranks get SIGUSR2, which mpirun forwards, and finish their step; mpirun gets the second.
+    """
     arguments = without_option(sys.argv[1:], "--mpi")
     program = mpirun()
     command = [program, "-n", str(ranks), sys.executable, "-m", "dealib", *arguments]
     sys.stdout.flush()
-    os.execve(program, command, environment())
+    job = subprocess.Popen(
+        command, env=environment(), stdin=subprocess.DEVNULL, start_new_session=True
+    )
+    stop: list[int] = []
+
+    def forward(number: int, _frame: FrameType | None) -> None:
+        if number == signal.SIGUSR1:
+            job.send_signal(signal.SIGUSR1)
+        else:
+            job.send_signal(signal.SIGTERM if stop else signal.SIGUSR2)
+            stop.append(number)
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
+        signal.signal(number, forward)
+    code = job.wait()
+    sys.exit(128 + stop[0] if stop and code else abs(code))
 
 
 def environment() -> dict[str, str]:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import functools
 import logging
 import os
@@ -12,7 +13,8 @@ import platform
 import sys
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from pathlib import Path
 from typing import Any
 
 # one BLAS thread is fastest at these sizes; set before PETSc loads its BLAS
@@ -23,11 +25,13 @@ from mpi4py import MPI as _MPI  # noqa: E402, F401 - finds the MPI that dolfinx'
 
 _setdlopenflags = sys.setdlopenflags
 sys.setdlopenflags = lambda flags: None  # dolfinx 0.5 asks for RTLD_GLOBAL: VTK would abort
-_root_level = logging.getLogger().level
+_root = logging.getLogger()
+_root_level, _root_handlers = _root.level, list(_root.handlers)
 import dolfinx  # noqa: E402
 
 sys.setdlopenflags = _setdlopenflags
-logging.getLogger().setLevel(logging.WARNING)  # ffcx 0.5 turns its INFO lines on at import
+_root.setLevel(_root_level)  # ffcx 0.5 configures the root logger at import
+_root.handlers[:] = _root_handlers
 
 from petsc4py import PETSc  # noqa: E402
 
@@ -38,10 +42,13 @@ from dolfinx import fem  # noqa: E402
 from dolfinx import mesh as _mesh  # noqa: E402
 from dolfinx.fem import petsc as _petsc  # noqa: E402
 
+from dealib.errors import PlatformError  # noqa: E402
+
 VERSION: str = dolfinx.__version__
 LEGACY = not hasattr(fem, "functionspace")  # Debian 12's 0.5.2: elements live in UFL, not in Basix
 
 if LEGACY:
+    _functionspace = fem.FunctionSpace
 
     def element(mesh: Any, family: str, degree: int, shape: tuple[int, ...] = ()) -> Any:
         """Lagrange-type element of a value shape: () scalar, (n,) vector, (m, n) tensor."""
@@ -60,6 +67,8 @@ if LEGACY:
 else:
     import basix.ufl
 
+    _functionspace = fem.functionspace
+
     def element(mesh: Any, family: str, degree: int, shape: tuple[int, ...] = ()) -> Any:
         """Lagrange-type element of a value shape: () scalar, (n,) vector, (m, n) tensor."""
         return basix.ufl.element(family, mesh.basix_cell(), degree, shape=shape)
@@ -76,21 +85,56 @@ DIVERGED_NAN: int = next(
     if name in _reasons
 )
 
+_JIT = "jit_params" if LEGACY else "jit_options"
+
+
+def cache_folder() -> Path:
+    """Where dealib's forms are compiled: a folder of its own in dolfinx's cache."""
+    from dolfinx import jit
+
+    known = jit.get_parameters() if LEGACY else jit.get_options()
+    return Path(str(known["cache_dir"])).expanduser() / "dealib"
+
 
 @contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep the compiler's lines out of the user's terminal (its errors are raised)."""
+def _jit(comm: Any) -> Iterator[dict[str, Any]]:
+    """Options for just-in-time compilation, by one process at a time and without chatter.
+
+    FFCx marks a module that is being compiled by its C file, and waits for whoever does it. A run
+    that is killed then leaves a mark that nobody will lift. All of dealib compiles under one file
+    lock, which the kernel lifts when its holder dies: marks found under it are stale.
+    """
+    folder = cache_folder()
+    options = {_JIT: {"cache_dir": str(folder), "timeout": 600}}
     logging.disable(logging.INFO)
     try:
-        yield
+        with _locked(folder) if comm.rank == 0 else nullcontext():
+            yield options
+    except OSError as error:
+        raise PlatformError(f"cannot compile into {folder}: {error.strerror or error}") from None
     finally:
         logging.disable(logging.NOTSET)
 
 
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "lock").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX)
+        except OSError:  # some network file systems have no locks
+            yield
+            return
+        for source in folder.glob("libffcx_*.c"):
+            if not source.with_suffix(".c.cached").exists():
+                source.unlink()
+        yield
+
+
 def functionspace(mesh: Any, element: Any) -> Any:
-    """A function space; its element may have to be compiled."""
-    with _quiet():
-        return (fem.FunctionSpace if LEGACY else fem.functionspace)(mesh, element)
+    """The finite element space of an element on a mesh."""
+    with _jit(mesh.comm) as options:
+        return _functionspace(mesh, element, **options)
 
 
 @functools.cache
@@ -111,17 +155,16 @@ def _compiler_flags() -> tuple[str, ...]:
 
 
 def form(expression: Any) -> Any:
-    """Compile a UFL form."""
-    suffix = "params" if LEGACY else "options"
-    with _quiet():
-        flags = list(_compiler_flags())
-        return fem.form(expression, **{f"jit_{suffix}": {"cffi_extra_compile_args": flags}})
+    """Compile a UFL form (collective)."""
+    with _jit(expression.ufl_domain().ufl_cargo().comm) as options:
+        options[_JIT]["cffi_extra_compile_args"] = list(_compiler_flags())
+        return fem.form(expression, **options)
 
 
 def expression(ufl_expression: Any, points: npt.NDArray[np.float64]) -> Any:
-    """Compile an expression for evaluation at reference points."""
-    with _quiet():
-        return fem.Expression(ufl_expression, points)
+    """Compile an expression for evaluation at reference points (collective)."""
+    with _jit(ufl.domain.extract_unique_domain(ufl_expression).ufl_cargo().comm) as options:
+        return fem.Expression(ufl_expression, points, **options)
 
 
 def evaluate(compiled: Any, mesh: Any, cells: npt.NDArray[np.int32], points: int) -> Any:

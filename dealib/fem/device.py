@@ -19,6 +19,7 @@ from dealib.errors import DealibError
 from dealib.fem import compat
 from dealib.geometry import names
 from dealib.geometry.model import gmsh_model
+from dealib.geometry.model import save as write_mesh
 
 # Regions that share one energy share one integral, so that it is compiled once.
 KINDS = {
@@ -133,7 +134,7 @@ def build_device(config: Config, comm: MPI.Comm, save: Path | None = None) -> De
         try:
             with gmsh_model(config) as gmsh:
                 if save is not None:
-                    gmsh.write(str(save))
+                    write_mesh(gmsh, save)
                 comm.bcast(None, root=0)
                 result = Device.from_gmsh(gmsh.model, comm)
         except DealibError as caught:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +16,8 @@ from dealib.fem.compat import DIVERGED_NAN
 from dealib.fem.constraints import FIELDS
 from dealib.fem.problem import Problem
 from dealib.fem.system import System, Timings
+
+log = logging.getLogger(__name__)
 
 _PREFIX = "dealib_"
 _OPTIONS: dict[str, Any] = {
@@ -162,6 +165,9 @@ class Newton:
             return DIVERGED_NAN
         self._norms = self.system.field_norms(residual)
         ports = self.system.map.port_values(residual)
+        if log.isEnabledFor(logging.DEBUG):
+            shown = [*zip(FIELDS, self._norms, strict=True), *ports.items()]
+            log.debug("  %2d  %s", iteration, "  ".join(f"{k} {abs(v):.1e}" for k, v in shown))
         limits = {
             name: self._port_tolerance if law.value is not None else self._tolerance[i]
             for i, (name, law) in enumerate(self.system.ports.items())

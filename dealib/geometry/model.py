@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from dealib.config.schema import Config
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, PlatformError
 from dealib.geometry import annular_strips, names
 
 _QUAD, _TRIANGLE = 3, 2  # Gmsh's element types
@@ -39,10 +41,28 @@ def gmsh_model(config: Config) -> Iterator[Any]:
         gmsh.finalize()
 
 
+def save(gmsh: Any, path: Path) -> None:
+    """Write the open model in Gmsh's format, whole or not at all.
+
+    Raises:
+        PlatformError: If the disk refuses, of which Gmsh itself does not tell.
+    """
+    temporary = path.with_name(path.stem + ".tmp.msh")
+    try:
+        gmsh.write(str(temporary))
+        whole = temporary.read_bytes().rstrip().endswith(b"$EndElements")
+        if not whole:
+            raise OSError(errno.ENOSPC, "the disk is full, or a limit on file size is reached")
+        os.replace(temporary, path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise PlatformError(f"cannot write {path}: {error.strerror}") from None
+
+
 def write(config: Config, path: Path) -> dict[str, int]:
     """Write the mesh of a config in Gmsh's format 4.1; returns the number of cells by region."""
     with gmsh_model(config) as gmsh:
-        gmsh.write(str(path))
+        save(gmsh, path)
         return cells_by_region(gmsh.model)
 
 

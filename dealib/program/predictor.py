@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-_MEMORY = 64  # states that are remembered for the way back
+MEMORY = 64  # states that are remembered for the way back
 _SMOOTH = 0.5  # largest error of a prediction, in steps, on a smooth path
 
 
@@ -62,7 +62,7 @@ class Predictor:
         self._returned = False
         self.path.append(known)
         self.segment += 1
-        if len(self.path) > _MEMORY:
+        if len(self.path) > MEMORY:
             self.path.pop(0)
             self.back = None if self.back is None else self.back - 1
 
@@ -83,6 +83,23 @@ class Predictor:
         if self.highest == 0 or not self.path:
             return None
         return self._recall(inputs) or self._extrapolate(at, self._order)
+
+    def plain(self) -> dict[str, Any]:
+        """All but the states, as plain values."""
+        known = [[k.at, list(k.inputs), k.smooth] for k in self.path]
+        rest = {"segment": self.segment, "back": self.back, "order": self._order}
+        return {"known": known, **rest}
+
+    def restore(self, plain: dict[str, Any], states: list[Any]) -> None:
+        """Inverse of `plain`, with the last of the states (those that were kept)."""
+        lost = len(plain["known"]) - len(states)
+        self.path = [
+            Known(at, tuple(inputs), q, smooth)
+            for (at, inputs, smooth), q in zip(plain["known"][lost:], states, strict=True)
+        ]
+        self.segment, self._order = min(plain["segment"], len(states)), plain["order"]
+        back = plain["back"]
+        self.back = None if back is None or back < lost else back - lost
 
     def _recall(self, inputs: tuple[Any, ...]) -> Any:
         """The state met on the way there, if the path back leads to it."""

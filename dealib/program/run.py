@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import os
+import logging
 import platform
-import shutil
+import shlex
 import subprocess
 import sys
 import time
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from types import TracebackType
 from typing import Any, Protocol
 
 from mpi4py import MPI
@@ -18,13 +19,19 @@ from mpi4py import MPI
 import numpy as np
 
 from dealib.config.case import Case, resolved
-from dealib.errors import ConfigError, DealibError, PlatformError
+from dealib.errors import Interrupted, NotConverged, PlatformError
 from dealib.fem import compat
-from dealib.geometry import model
+from dealib.program.directory import identity, prepare
+from dealib.program.log import to_file
+from dealib.program.predictor import MEMORY
+from dealib.program.signals import Signals
 from dealib.program.simulation import Simulation, State
 from dealib.results import paraview, store
+from dealib.results.checkpoint import CheckpointFolder
 from dealib.results.fields import fields
 from dealib.results.reader import Run
+
+log = logging.getLogger(__name__)
 
 
 class Observer(Protocol):
@@ -43,45 +50,80 @@ class Observer(Protocol):
 class Recorder:
     """Writes history, states and fields into the run directory (files on rank 0)."""
 
-    def __init__(self, directory: Path, case: Case, timings: dict[str, float]) -> None:
+    def __init__(self, directory: Path, case: Case) -> None:
         self.directory, self.case = directory, case
         self.wanted = case.config.output.fields
         self._history: store.HistoryFile | None = None
         self._states: store.StateFile | None = None
         self._fields: store.FieldFile | None = None
-        self._timings = timings
+        self._checkpoint = CheckpointFolder(directory)
 
     def start(self, simulation: Simulation) -> None:
         """See `Observer`."""
         self._timings = simulation.timings
-        mesh = simulation.layout.mesh
+        mesh, done = simulation.layout.mesh, simulation.progress.step
         if mesh is None:
             return
-        self._history = store.HistoryFile(self.directory)
+        self._mesh = mesh.fingerprint
+        self._history = store.HistoryFile(self.directory, done)
         texts = {"config": self.case.text, "config_resolved": resolved(self.case.config)}
         texts |= {f"versions/{k}": v for k, v in versions().items()}
-        self._states = store.StateFile(self.directory, mesh, texts)
+        self._states = store.StateFile(self.directory, mesh, texts, done)
         if self.wanted != "none":
-            self._fields = store.FieldFile(self.directory, mesh)
+            self._fields = store.FieldFile(self.directory, mesh, done)
             paraview.write(self.directory, mesh)
 
     def see(self, state: State) -> None:
-        """See `Observer`."""
+        """See `Observer`. The checkpoint comes last: what it knows of is all there."""
         begin = time.perf_counter()
         stored = self.wanted == "every" or (self.wanted == "stage" and state.end_of_stage)
-        nodal = state.nodal() if stored else None
+        nodal = state.nodal()
         if self._history is not None and self._states is not None:
-            self._history.add(state.row)
-            self._states.add(state.row, nodal)
-            if self._fields is not None and nodal is not None:
+            if self._fields is not None and stored:
                 found = fields(self.case.config, self._fields.mesh, nodal)
                 self._fields.add(state.row["step"], state.row["time_s"], found)
+            self._history.add(state.row)
+            self._states.add(state.row, nodal if stored else None)
+            with self._timings("checkpoint"):
+                values = state.simulation.plain()
+                self._checkpoint.write(values, self._mesh, nodal, MEMORY)
         self._timings["output"] += time.perf_counter() - begin
 
     def stop(self, error: BaseException | None) -> None:
         """See `Observer`."""
         if self._states is not None and not isinstance(error, PlatformError):
             self._states.close()
+
+
+class Log:
+    """Writes each step to the log."""
+
+    def start(self, simulation: Simulation) -> None:
+        """See `Observer`."""
+        cells = 0 if simulation.layout.mesh is None else len(simulation.layout.mesh.cells)
+        log.info(
+            "%d cells, %d unknowns, %d ranks", cells, simulation.unknowns, simulation.comm.size
+        )
+        if simulation.progress.step >= 0:
+            log.info("resumed after step %d", simulation.progress.step)
+
+    def see(self, state: State) -> None:
+        """See `Observer`."""
+        log.info(line(state.row))
+
+    def stop(self, error: BaseException | None) -> None:
+        """See `Observer`."""
+        log.info("done" if error is None else f"stopped: {error}")
+
+
+def line(row: dict[str, Any]) -> str:
+    """One step in one line."""
+    return (
+        f"step {row['step']:4d}  t {row['time_s']:9.4g} s  {row['stage']:<12.12s}"
+        f"  u {row['displacement_mm']:9.5f} mm  F {row['force_N']:9.5f} N"
+        f"  V {row['voltage_kV']:7.4f} kV  C {row['capacitance_pF']:8.3f} pF"
+        f"  {row['newton_iterations']:2d} it"
+    )
 
 
 def versions() -> dict[str, str]:
@@ -107,6 +149,7 @@ def simulate(
     directory: str | Path | None = None,
     *,
     overwrite: bool = False,
+    resume: bool = False,
     observers: Sequence[Observer] = (),
     comm: MPI.Comm = MPI.COMM_WORLD,
     argv: Sequence[str] | None = None,
@@ -118,6 +161,7 @@ def simulate(
         case: A loaded case.
         directory: Run directory; default the config's.
         overwrite: Replace an existing run.
+        resume: Go on with an unfinished run; a finished one is left as it is.
         observers: What else sees each state.
         comm: MPI communicator.
         argv: Command line to record.
@@ -127,105 +171,109 @@ def simulate(
         The run, to read.
 
     Raises:
-        ConfigError: If the directory exists.
+        ConfigError: If the directory exists, or cannot be resumed.
         NotConverged: If a step failed; what converged is in the directory.
+        Interrupted: After SIGINT or SIGTERM; what converged is in the directory.
+        PlatformError: If the disk refuses.
     """
     begin = time.perf_counter() if started is None else started
     path = Path(directory or case.config.directory)
-    _prepare(path, case, overwrite, comm)
     info: dict[str, Any] = {
         "name": case.config.name,
         "status": "running",
         "started": datetime.now(UTC).isoformat(timespec="seconds"),
         "argv": list(argv if argv is not None else sys.argv),
+        "config": str(case.path),
         "set": list(case.overrides),
         "ranks": comm.size,
-        "pid": os.getpid(),
-        "host": platform.node(),
+        **identity(),
         "git": _git_hash(),
         "versions": versions(),
     }
-    _publish(path, info, comm)
-    timings: dict[str, float] = {"import": time.perf_counter() - begin}
-    everyone: list[Observer] = [Recorder(path, case, timings), *observers]
-    failure: BaseException | None = None
-    steps = 0
-    try:
-        simulation = Simulation(case, comm, mesh_file=path / "mesh.msh")
-        simulation.timings["import"] += timings["import"]
-        timings = simulation.timings
-        info["unknowns"] = simulation.unknowns
-        for observer in everyone:
-            observer.start(simulation)
-        loop = time.perf_counter()
-        try:
-            for state in simulation:
-                steps = state.row["step"]
-                for observer in everyone:
-                    observer.see(state)
-        finally:
-            timings["solve"] += time.perf_counter() - loop  # the whole step loop
-            timings["factorisation"] += simulation.newton.factorisation_seconds
-            info["steps"], info["newton_iterations"] = steps, simulation.newton.total
-    except BaseException as error:
-        failure = error
-        raise
-    finally:
-        for observer in reversed(everyone):
-            observer.stop(failure)
-        info["status"] = _status(failure)
-        if failure is not None:
-            info["error"] = str(failure)
-        timings["total"] = time.perf_counter() - begin
-        info["timings"] = {k: round(v, 4) for k, v in timings.items()}
-        info["ended"] = datetime.now(UTC).isoformat(timespec="seconds")
-        _publish(path, info, comm)
+    if resume and _is_done(path, comm):
+        return Run(path)
+    with Signals(comm) as signals, to_file(path, comm.rank == 0) as info["warnings"]:
+        saved = prepare(path, case, info, overwrite, resume, comm)
+        with _Session(path, info, begin, comm) as session:
+            log.info("%s", shlex.join(info["argv"]))
+            log.info("%s", ", ".join(f"{k} {v}" for k, v in info["versions"].items()))
+            mesh_file = path / "mesh.msh" if saved is None else None
+            simulation = Simulation(case, comm, mesh_file, saved)
+            session.run(simulation, [Recorder(path, case), Log(), *observers], signals)
     return Run(path)
+
+
+class _Session:
+    """Runs a simulation and keeps `run.json` true, whatever ends it."""
+
+    def __init__(self, path: Path, info: dict[str, Any], begin: float, comm: MPI.Comm) -> None:
+        self.path, self.info, self.begin, self.comm = path, info, begin, comm
+        self.timings: dict[str, float] = {}
+        self.imported = time.perf_counter() - begin
+
+    def __enter__(self) -> _Session:
+        return self
+
+    def run(self, simulation: Simulation, observers: Sequence[Observer], signals: Signals) -> None:
+        """Show every state to every observer."""
+        self.timings = simulation.timings
+        self.timings["import"] += self.imported
+        self.info["unknowns"] = simulation.unknowns
+        failure: BaseException | None = None
+        try:
+            for observer in observers:
+                observer.start(simulation)
+            loop = time.perf_counter()
+            signals.defer()
+            try:
+                for state in simulation:
+                    for observer in observers:
+                        observer.see(state)
+                    if signals.obey():
+                        log.info("SIGUSR1: the checkpoint is at step %d", state.row["step"])
+            finally:
+                self.timings["solve"] += time.perf_counter() - loop  # the whole step loop
+                self.timings["factorisation"] += simulation.newton.factorisation_seconds
+                self.info["steps"] = max(simulation.progress.step, 0)
+                self.info["newton_iterations"] = simulation.newton.total
+        except BaseException as error:
+            failure = error
+            raise
+        finally:
+            for observer in reversed(observers):
+                observer.stop(failure)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.info["status"] = _status(error)
+        if error is not None:
+            self.info["error"] = str(error)
+        self.timings["total"] = time.perf_counter() - self.begin
+        self.info["timings"] = {k: round(v, 4) for k, v in self.timings.items()}
+        self.info["ended"] = datetime.now(UTC).isoformat(timespec="seconds")
+        if self.comm.rank == 0:
+            try:
+                store.write_info(self.path, self.info)
+            except PlatformError:
+                if error is None:
+                    raise  # else the first refusal is the one to report
 
 
 def _status(failure: BaseException | None) -> str:
     if failure is None:
         return "done"
-    if isinstance(failure, DealibError):
-        return {3: "not converged"}.get(failure.exit_code, "failed")
-    return "interrupted" if isinstance(failure, KeyboardInterrupt) else "failed"
+    if isinstance(failure, NotConverged):
+        return "not converged"
+    return "interrupted" if isinstance(failure, (Interrupted, KeyboardInterrupt)) else "failed"
 
 
-def _prepare(path: Path, case: Case, overwrite: bool, comm: MPI.Comm) -> None:
-    """Make the run directory on rank 0; every rank raises what went wrong there."""
-    error: DealibError | None = None
-    if comm.rank == 0:
-        try:
-            if case.config.mesh.file is not None:  # before anything is overwritten
-                model.check(case.config)
-            _make(path, overwrite)
-            store.write_text(path / "config.yaml", case.text)
-            store.write_text(path / "config.resolved.yaml", resolved(case.config))
-        except DealibError as caught:
-            error = caught
-    error = comm.bcast(error, root=0)
-    if error is not None:
-        raise error
-
-
-def _make(path: Path, overwrite: bool) -> None:
-    if path.exists() and any(path.iterdir() if path.is_dir() else [path]):
-        if not overwrite:
-            raise ConfigError(
-                f"{path} exists and is not empty; choose another --out, or --overwrite it"
-            )
-        if not (path / store.INFO).is_file():
-            raise ConfigError(f"{path} is no run directory of dealib; it is not overwritten")
-        shutil.rmtree(path)
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise PlatformError(f"cannot make {path}: {error.strerror}") from None
-
-
-def _publish(path: Path, info: dict[str, Any], comm: MPI.Comm) -> None:
-    if comm.rank == 0:
-        store.write_info(path, info)
+def _is_done(path: Path, comm: MPI.Comm) -> bool:
+    done = (path / store.INFO).is_file() and Run(path).status == "done"
+    return bool(comm.bcast(done, root=0))
 
 
 def _git_hash() -> str | None:

@@ -12,15 +12,17 @@ from mpi4py import MPI
 
 from dealib.config.case import Case
 from dealib.config.schema import Stage
+from dealib.errors import ConfigError
 from dealib.fem.layout import Layout
 from dealib.fem.measures import measure
 from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem
 from dealib.fem.system import Timings
-from dealib.program.increments import Increments
-from dealib.program.inputs import REST, milestones, mount_drive, terminal_drive
+from dealib.program.increments import Increments, Place
+from dealib.program.inputs import milestones, mount_drive, terminal_drive
 from dealib.program.predictor import Predictor
-from dealib.program.work import Work
+from dealib.program.progress import Progress
+from dealib.results.checkpoint import Checkpoint
 
 
 @dataclass(frozen=True)
@@ -45,17 +47,26 @@ class State:
 class Simulation:
     """Iterates over the converged states of a case.
 
+    Attributes:
+        progress: How far the program has come.
+
     Args:
         case: A loaded case.
         comm: MPI communicator.
         mesh_file: Where to write the mesh in Gmsh's format, if anywhere.
+        resume: Go on from there (on any number of ranks) instead of from the start.
 
     Raises:
+        ConfigError: If the checkpoint belongs to another mesh.
         NotConverged: While iterating, when a step fails at the smallest increment.
     """
 
     def __init__(
-        self, case: Case, comm: MPI.Comm = MPI.COMM_WORLD, mesh_file: Path | None = None
+        self,
+        case: Case,
+        comm: MPI.Comm = MPI.COMM_WORLD,
+        mesh_file: Path | None = None,
+        resume: Checkpoint | None = None,
     ) -> None:
         self.case, self.comm = case, comm
         self.timings = Timings()
@@ -65,10 +76,13 @@ class Simulation:
         self.timings["mesh"] += time.perf_counter() - start
         self.newton = Newton(self.problem, self.timings)
         self.steps_planned = _steps_planned(case.config.program)
-        self._drives = dict(REST)
-        self._work = Work()
+        self.progress = Progress()
         self._predictor = Predictor(case.config.solver.predictor_order)
-        self._step, self._time = 0, 0.0
+        self._stages = case.config.program
+        if self._stages[0].stage != "prestrain":
+            self._stages = (Stage(stage="prestrain", duration="1 s"), *self._stages)
+        if resume is not None:
+            self._restore(resume)
 
     @property
     def unknowns(self) -> int:
@@ -76,16 +90,39 @@ class Simulation:
         return int(self.newton.system.q.size)
 
     def __iter__(self) -> Iterator[State]:
-        """Run the program."""
-        program = self.case.config.program
-        first = program[0]
-        if first.stage == "prestrain":
+        """Run the program, or what is left of it."""
+        first, *others = self._stages
+        if self.progress.step < 0:
             yield self._prestrain(first)
-            program = program[1:]
-        else:
-            yield self._prestrain(Stage(stage="prestrain", duration="1 s"))
-        for stage in program:
-            yield from self._run(stage)
+        for index, stage in enumerate(others, start=1):
+            if index > self.progress.stage:
+                self._begin(index, stage)
+            if index == self.progress.stage:
+                yield from self._run(stage)
+
+    def _restore(self, saved: Checkpoint) -> None:
+        """Take up a saved state (collective)."""
+        mesh, comm = self.layout.mesh, self.comm
+        same = comm.bcast(None if mesh is None else mesh.fingerprint == saved.mesh, root=0)
+        if not same:
+            raise ConfigError(
+                "the checkpoint belongs to another mesh (has mesh.file changed, or Gmsh?); "
+                "start anew with --overwrite, or elsewhere with --out"
+            )
+        system, w = self.newton.system, self.problem.spaces.w
+        self.progress = Progress.of(saved.values["progress"])
+        self.problem.set_prestretch(1.0)
+        known = []
+        for k in range(comm.bcast(len(saved.states), root=0)):
+            self.layout.scatter(None if mesh is None else saved.states[k])
+            system.map.restrict(w, system.q)
+            known.append(system.q.copy())
+        # states before row 0 are not saved: they lie on the way to the pre-stretch
+        self._predictor.restore(saved.values["predictor"], known)
+
+    def plain(self) -> dict[str, Any]:
+        """What a checkpoint holds besides the states."""
+        return {"progress": self.progress.plain(), "predictor": self._predictor.plain()}
 
     # --- stages ----------------------------------------------------------------------------------
 
@@ -103,53 +140,58 @@ class Simulation:
             pass
         return self._state(stage.stage, 0.0, last=True)
 
-    def _run(self, stage: Stage) -> Iterator[State]:
-        row = self._row
+    def _begin(self, index: int, stage: Stage) -> None:
+        """Enter a stage: the ports keep their last values unless it drives them."""
+        p = self.progress
+        assert p.row is not None
+        p.drives = {port: drive.held() for port, drive in p.drives.items()}
         if stage.mount is not None:
-            self._drives["mount"] = mount_drive(stage.mount, row["displacement_mm"], row["force_N"])
+            p.drives["mount"] = mount_drive(stage.mount, p.row["displacement_mm"], p.row["force_N"])
         if stage.terminal is not None:
-            self._drives["terminal"] = terminal_drive(
-                stage.terminal, row["voltage_kV"], row["charge_uC"]
+            p.drives["terminal"] = terminal_drive(
+                stage.terminal, p.row["voltage_kV"], p.row["charge_uC"]
             )
-        drives = dict(self._drives)
-        targets, corners = milestones(stage, list(drives.values()))
-        start = self._time
+        p.stage, p.stage_start, p.place = index, p.time, Place()
+
+    def _run(self, stage: Stage) -> Iterator[State]:
+        """The rest of the stage that the progress is in."""
+        p = self.progress
+        targets, corners = milestones(stage, list(p.drives.values()))
 
         def apply(at: float) -> tuple[Any, ...]:
-            for port, drive in drives.items():
+            for port, drive in p.drives.items():
                 self.newton.system.ports[port] = drive.law(at)
-            return tuple(x for d in drives.values() for x in (d.label, d.at(at)))
+            return tuple(x for d in p.drives.values() for x in (d.label, d.at(at)))
 
-        increments = Increments(self.newton, self.case.config.solver, self._predictor)
+        apply(p.place.now)
+        increments = Increments(self.newton, self.case.config.solver, self._predictor, p.place)
         for at in increments.run(targets, corners, apply, lambda at: self._failure(stage, at)):
-            self._step += 1
-            self._time = start + at * stage.duration
-            yield self._state(stage.stage, self._time, last=at == targets[-1])
-        self._drives = {port: drive.held() for port, drive in drives.items()}
+            time = p.stage_start + at * stage.duration
+            yield self._state(stage.stage, time, last=at == targets[-1])
 
     def _state(self, stage: str, at: float, last: bool) -> State:
-        row: dict[str, Any] = {"step": self._step, "time_s": at, "stage": stage}
+        p = self.progress
+        row: dict[str, Any] = {"step": p.step + 1, "time_s": at, "stage": stage}
         row |= measure(self.newton, self.layout)
-        row |= self._work.add(row)
-        self._row = row
+        row |= p.work.add(p.row, row)
+        p.step, p.time, p.row = p.step + 1, at, row
         return State(row, last, self)
 
     def _failure(self, stage: Stage, at: float) -> str:
         """Where the program stopped and what to try."""
-        reached = self._time if stage.stage != "prestrain" else 0.0
-        inputs = ", ".join(f"{d.label} = {d.at(at):.6g} {d.unit}" for d in self._drives.values())
+        drives = self.progress.drives.values()
+        inputs = ", ".join(f"{d.label} = {d.at(at):.6g} {d.unit}" for d in drives)
         hint = "give the stage more steps"
         voltage = any(
-            d.kind == "value" and d.label == "terminal.voltage" and d.at(at) != 0
-            for d in self._drives.values()
+            d.kind == "value" and d.label == "terminal.voltage" and d.at(at) != 0 for d in drives
         )
         if stage.stage == "prestrain":
             return f"stage 'prestrain' stopped at {at:.4g} of the pre-stretch; {hint}"
         if voltage:
             hint += "; if this is pull-in, prescribe the charge or the displacement instead"
         return (
-            f"stage {stage.stage!r} stopped after t = {reached:.6g} s, on the way to {inputs}; "
-            f"everything up to there is kept. Try: {hint}"
+            f"stage {stage.stage!r} stopped after t = {self.progress.time:.6g} s, "
+            f"on the way to {inputs}; everything up to there is kept. Try: {hint}"
         )
 
 

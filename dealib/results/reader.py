@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
+import os
+import platform
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -45,6 +48,17 @@ class Run:
         except (ValueError, OSError):
             raise ConfigError(f"{path}: not readable as JSON; this is no intact run") from None
 
+    @property
+    def status(self) -> str:
+        """'done', 'not converged', 'interrupted', 'failed', 'running' or 'killed'.
+
+        A run that says it is running, but whose process is gone from this machine, was killed.
+        """
+        info = self.info
+        if info["status"] == "running" and info["host"] == platform.node():
+            return "running" if _alive(info["pid"]) else "killed"
+        return str(info["status"])
+
     @cached_property
     def history(self) -> pandas.DataFrame:
         """The history, one row a converged step."""
@@ -53,7 +67,8 @@ class Run:
         path = self.directory / store.HISTORY
         if not path.is_file():
             raise ConfigError(f"{self.directory}: no step has converged yet")
-        return pd.read_csv(path)
+        text = path.read_text(encoding="utf-8")
+        return pd.read_csv(io.StringIO(text[: text.rfind("\n") + 1]))  # whole lines
 
     @cached_property
     def config(self) -> Config:
@@ -110,3 +125,13 @@ class Run:
             grid.point_data[name] = values.reshape(len(points), -1).squeeze()
         grid.cell_data["region"] = mesh.region
         return grid
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:  # another user's
+        return True
+    return True

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import csv
+import errno
+import io
 import json
 import os
+import re
 import shutil
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +17,8 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from dealib.errors import PlatformError
 from dealib.results.elements import Array, Cell
+from dealib.results.files import guarded, new_hdf5, write_text
 from dealib.results.mesh import ResultMesh
 
 HISTORY, STATES, FIELDS, INFO = "history.csv", "results.h5", "fields.xdmf", "run.json"
@@ -24,52 +26,48 @@ FIELD_DATA = "fields"  # folder of the HDF5 files beside fields.xdmf
 STATE_DATA = "states"  # the same beside results.h5, while the run goes on
 
 
-@contextmanager
-def _guarded(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        reason = error.strerror or str(error).splitlines()[0]
-        raise PlatformError(f"cannot write {path}: {reason}") from None
-
-
-@contextmanager
-def _new_file(path: Path) -> Iterator[Any]:
-    """An HDF5 file that appears under its name only when it is complete."""
-    temporary = path.with_name(path.name + ".tmp")
-    with _guarded(path):
-        with h5py.File(temporary, "w") as file:
-            yield file
-        os.replace(temporary, path)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a file whole or not at all.
-
-    Raises:
-        PlatformError: If the disk refuses.
-    """
-    temporary = path.with_name(path.name + ".tmp")
-    with _guarded(path):
-        temporary.write_text(text, encoding="utf-8")
-        os.replace(temporary, path)
-
-
 class HistoryFile:
-    """`history.csv`: one flushed line a converged step."""
+    """`history.csv`: one flushed line a converged step.
 
-    def __init__(self, directory: Path) -> None:
+    Args:
+        directory: The run directory.
+        keep: Go on after this step; later rows are dropped.
+    """
+
+    def __init__(self, directory: Path, keep: int = -1) -> None:
         self.path = directory / HISTORY
         self._columns: list[str] | None = None
+        if keep < 0:
+            with guarded(self.path):
+                self.path.unlink(missing_ok=True)
+            return
+        header, *rows = self.path.read_text(encoding="utf-8").splitlines()
+        self._columns = next(csv.reader([header]))
+        where = self._columns.index("step")
+        kept = [r for r in rows if int(next(csv.reader([r]))[where]) <= keep]
+        write_text(self.path, "".join(line + "\n" for line in (header, *kept)))
 
     def add(self, row: Mapping[str, Any]) -> None:
-        """Append a row; the first one writes the header."""
-        with _guarded(self.path), self.path.open("a", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(row))
-            if self._columns is None:
-                self._columns = list(row)
-                writer.writeheader()
-            writer.writerow({k: _text(v) for k, v in row.items()})
+        """Append a row; the first one writes the header.
+
+        Raises:
+            PlatformError: If the disk refuses; half a line is then removed.
+        """
+        text = io.StringIO()
+        writer = csv.DictWriter(text, self._columns or list(row), lineterminator="\n")
+        if self._columns is None:
+            self._columns = list(row)
+            writer.writeheader()
+        writer.writerow({k: _text(v) for k, v in row.items()})
+        with guarded(self.path), self.path.open("ab", buffering=0) as file:
+            end = file.tell()
+            data = text.getvalue().encode()
+            try:
+                if file.write(data) < len(data):
+                    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            except OSError:
+                file.truncate(end)
+                raise
 
 
 def _text(value: Any) -> Any:
@@ -81,16 +79,26 @@ class StateFile:
 
     While the run goes on each state is a file of its own and `results.h5`, replaced whole at each
     step, links to them; `close` gathers everything into the one file.
+
+    Args:
+        directory: The run directory.
+        mesh: Mesh of the states.
+        texts: What else to store, by name.
+        keep: Go on after this step; later ones are dropped.
     """
 
-    def __init__(self, directory: Path, mesh: ResultMesh, texts: Mapping[str, str]) -> None:
+    def __init__(
+        self, directory: Path, mesh: ResultMesh, texts: Mapping[str, str], keep: int = -1
+    ) -> None:
         self.path, self.folder = directory / STATES, directory / STATE_DATA
         self._texts = dict(texts)
         self._history: dict[str, list[Any]] = {}
         self._links: list[str] = []
-        with _guarded(self.folder):
+        with guarded(self.folder):
             self.folder.mkdir(exist_ok=True)
-        with _new_file(self.folder / "mesh.h5") as file:
+        if keep >= 0:
+            self._reopen(keep)
+        with new_hdf5(self.folder / "mesh.h5") as file:
             file["points_mm"], file["cells"] = mesh.points, mesh.cells
             file["region"] = mesh.region
             file.attrs["cell"], file.attrs["order"] = mesh.cell.name, mesh.cell.order
@@ -103,7 +111,7 @@ class StateFile:
             self._history.setdefault(name, []).append(value)
         if state is not None:
             name = f"{row['step']:05d}"
-            with _new_file(self.folder / f"{name}.h5") as file:
+            with new_hdf5(self.folder / f"{name}.h5") as file:
                 file["state"] = state
                 file["state"].attrs["time_s"] = row["time_s"]
                 file["state"].attrs["components"] = ["u_R_mm", "u_Z_mm", "phi_kV"]
@@ -112,45 +120,75 @@ class StateFile:
 
     def close(self) -> None:
         """Gather the states into `results.h5`."""
-        self._write(gather=True)
-        with _guarded(self.folder):
+        temporary = self.path.with_name(self.path.name + ".tmp")
+        with guarded(self.path):
+            try:
+                with h5py.File(temporary, "w") as file:
+                    self._fill(file, gather=True)
+                os.replace(temporary, self.path)
+            except (OSError, RuntimeError, ValueError) as error:  # HDF5 on a full disk
+                temporary.unlink(missing_ok=True)
+                raise OSError(str(error)) from None
             shutil.rmtree(self.folder)
 
-    def _write(self, gather: bool = False) -> None:
-        with _new_file(self.path) as file:
-            for name, text in self._texts.items():
-                file[name] = text
-            history = file.create_group("history")
-            for name, values in self._history.items():
-                kind = h5py.string_dtype() if isinstance(values[0], str) else None
-                history.create_dataset(name, data=values, dtype=kind)
-            states = file.create_group("states")
-            links = {f"states/{name}": (f"{name}.h5", "/state") for name in self._links}
-            for key, (source, path) in {**links, "mesh": ("mesh.h5", "/")}.items():
-                if gather:
-                    with h5py.File(self.folder / source, "r") as part:
-                        part.copy(path, file, name=key)
-                else:
-                    file[key] = h5py.ExternalLink(f"{STATE_DATA}/{source}", path)
-            assert len(states) == len(links)
+    def _reopen(self, keep: int) -> None:
+        """Take up the history and the states up to a step, gathered or not."""
+        with h5py.File(self.path, "r") as file:
+            count = int((file["history/step"][:] <= keep).sum())
+            for name, values in file["history"].items():
+                strings = h5py.check_string_dtype(values.dtype) is not None
+                self._history[name] = list((values.asstr() if strings else values)[:count])
+            for name in file["states"]:
+                if int(name) > keep:
+                    continue
+                self._links.append(name)
+                link = file["states"].get(name, getlink=True)
+                if not isinstance(link, h5py.ExternalLink):
+                    with new_hdf5(self.folder / f"{name}.h5") as part:
+                        file.copy(f"states/{name}", part, name="state")
+
+    def _write(self) -> None:
+        with new_hdf5(self.path) as file:
+            self._fill(file, gather=False)
+
+    def _fill(self, file: Any, gather: bool) -> None:
+        for name, text in self._texts.items():
+            file[name] = text
+        history = file.create_group("history")
+        for name, values in self._history.items():
+            kind = h5py.string_dtype() if isinstance(values[0], str) else None
+            history.create_dataset(name, data=values, dtype=kind)
+        file.create_group("states")
+        links = {f"states/{name}": (f"{name}.h5", "/state") for name in self._links}
+        for key, (source, path) in {**links, "mesh": ("mesh.h5", "/")}.items():
+            if gather:
+                with h5py.File(self.folder / source, "r") as part:
+                    part.copy(path, file, name=key)
+            else:
+                file[key] = h5py.ExternalLink(f"{STATE_DATA}/{source}", path)
 
 
 class FieldFile:
     """`fields.xdmf`: one grid a step with all fields, one small HDF5 file each.
 
     Each file is written under a temporary name and then renamed; the XML follows its data.
+
+    Args:
+        directory: The run directory.
+        mesh: Mesh of the fields.
+        keep: Go on after this step; later ones are dropped.
     """
 
     _HEAD = '<?xml version="1.0" ?>\n<Xdmf Version="3.0"><Domain>\n'
     _HEAD += '<Grid Name="steps" GridType="Collection" CollectionType="Temporal">\n'
     _TAIL = "</Grid>\n</Domain></Xdmf>\n"
 
-    def __init__(self, directory: Path, mesh: ResultMesh) -> None:
+    def __init__(self, directory: Path, mesh: ResultMesh, keep: int = -1) -> None:
         self.path, self.data = directory / FIELDS, directory / FIELD_DATA
-        with _guarded(self.data):
+        with guarded(self.data):
             self.data.mkdir(exist_ok=True)
         self.mesh = mesh
-        self._grids: list[str] = []
+        self._grids = self._reopen(keep)
         points = np.column_stack([mesh.points, np.zeros(len(mesh.points))])
         self._write("mesh.h5", {"points": points, "cells": mesh.cells, "region": mesh.region})
 
@@ -161,8 +199,16 @@ class FieldFile:
         self._grids.append(self._grid(name, time, fields))
         write_text(self.path, self._HEAD + "".join(self._grids) + self._TAIL)
 
+    def _reopen(self, keep: int) -> list[str]:
+        """The grids of the steps up to one."""
+        if keep < 0 or not self.path.is_file():
+            return []
+        text = self.path.read_text(encoding="utf-8")
+        grids = re.findall(r'<Grid Name="step">.*?</Grid>\n', text, re.DOTALL)
+        return [g for g in grids if int(re.findall(r"/step_(\d+)\.h5", g)[0]) <= keep]
+
     def _write(self, name: str, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
-        with _new_file(self.data / name) as file:
+        with new_hdf5(self.data / name) as file:
             for key, values in arrays.items():
                 kind = "f4" if values.dtype.kind == "f" and name != "mesh.h5" else None
                 file.create_dataset(key, data=values, dtype=kind)

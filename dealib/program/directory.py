@@ -1,0 +1,157 @@
+"""Preparing a run directory: new, replaced, or taken up where its run stopped."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from ruamel.yaml import YAML
+
+from dealib.config.case import Case, resolved
+from dealib.errors import ConfigError, DealibError, PlatformError
+from dealib.geometry import model
+from dealib.program.log import LOGGER
+from dealib.results import store
+from dealib.results.checkpoint import Checkpoint, CheckpointFolder
+from dealib.results.files import write_text
+from dealib.results.reader import Run
+
+# what a resumed run may change: nothing of it enters the equations (a mesh file is compared by
+# its mesh, not by its path)
+_FREE = ("name", "description", "output.", "solver.", "mesh.file")
+
+
+def prepare(
+    path: Path, case: Case, info: dict[str, Any], overwrite: bool, resume: bool, comm: MPI.Comm
+) -> Checkpoint | None:
+    """Make the run directory, or take up an existing one (collective).
+
+    Args:
+        path: The run directory.
+        case: The case to run.
+        info: First content of `run.json`; what earlier sessions left there is added to it.
+        overwrite: Replace an existing run.
+        resume: Go on with an existing run.
+        comm: MPI communicator.
+
+    Returns:
+        Where to go on; None to start at the beginning. The arrays are on rank 0.
+
+    Raises:
+        DealibError: On every rank, whatever went wrong on rank 0.
+    """
+    error: DealibError | None = None
+    saved: Checkpoint | None = None
+    if comm.rank == 0:
+        try:
+            if case.config.mesh.file is not None:  # before anything is overwritten
+                model.check(case.config)
+            if resume:
+                saved = _take_up(path, case, info)
+            else:
+                _make(path, overwrite)
+            store.write_info(path, info)
+            write_text(path / "config.yaml", case.text)
+            write_text(path / "config.resolved.yaml", resolved(case.config))
+        except DealibError as caught:
+            error = caught
+    error = comm.bcast(error, root=0)
+    if error is not None:
+        raise error
+    plain = None if saved is None else (saved.values, saved.mesh)
+    plain = comm.bcast(plain, root=0)
+    if saved is None and plain is not None:
+        saved = Checkpoint(*plain)
+    return saved
+
+
+def _make(path: Path, overwrite: bool) -> None:
+    used = path.exists() and (not path.is_dir() or any(f.suffix != ".tmp" for f in path.iterdir()))
+    if used:
+        if not overwrite:
+            raise ConfigError(
+                f"{path} exists and is not empty; choose another --out, --overwrite it, or "
+                "--resume it if it is an unfinished run"
+            )
+        if not (path / store.INFO).is_file():
+            raise ConfigError(f"{path} is no run directory of dealib; it is not overwritten")
+    try:
+        if used:
+            shutil.rmtree(path)
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PlatformError(f"cannot make {path}: {error.strerror}") from None
+    if not os.access(path, os.W_OK):
+        raise PlatformError(f"cannot write into {path}: permission denied")
+
+
+def _take_up(path: Path, case: Case, info: dict[str, Any]) -> Checkpoint | None:
+    if not path.is_dir():
+        raise ConfigError(f"{path}: nothing to resume, there is no such run; run it without it")
+    if not (path / store.INFO).is_file():
+        _make(path, overwrite=False)  # killed before it began
+        return None
+    run = Run(path)
+    old = run.info
+    if run.status == "running":
+        raise ConfigError(
+            f"{path}: this run is still going on (process {old['pid']} on {old['host']})"
+        )
+    saved = CheckpointFolder(path).read()
+    if saved is None:
+        return None  # killed before anything converged
+    changes = _changes(path / "config.resolved.yaml", case)
+    if changes:
+        raise ConfigError(
+            f"{path}: cannot resume, the config has changed since:\n  "
+            + "\n  ".join(changes)
+            + "\nOnly name, description, output, solver and mesh.file may change; "
+            "undo the changes, or start anew with --overwrite or another --out"
+        )
+    rows = (path / store.HISTORY).read_text(encoding="utf-8").count("\n") - 2
+    if rows < saved.step:
+        raise ConfigError(
+            f"{path}: cannot resume, {store.HISTORY} ends before the checkpoint (step "
+            f"{saved.step}); start anew with --overwrite"
+        )
+    for name, version in info["versions"].items():
+        before = old.get("versions", {}).get(name)
+        if before != version:
+            LOGGER.warning("resumed with %s %s, begun with %s", name, version, before)
+    keys = ("started", "ended", "status", "steps", "argv", "ranks", "timings", "warnings")
+    session = {k: old[k] for k in keys if k in old} | {"status": run.status}
+    info["earlier_sessions"] = [*old.get("earlier_sessions", []), session]
+    return saved
+
+
+def _changes(path: Path, case: Case) -> list[str]:
+    """Keys of the config that differ from a resolved one, with both values."""
+    yaml = YAML(typ="safe", pure=True)
+    old = dict(_flat(yaml.load(path.read_text(encoding="utf-8"))))
+    new = dict(_flat(yaml.load(resolved(case.config))))
+    return [
+        f"{key}: was {old.get(key, 'absent')}, is {new.get(key, 'absent')}"
+        for key in dict.fromkeys([*old, *new])
+        if old.get(key) != new.get(key) and not key.startswith(_FREE)
+    ]
+
+
+def _flat(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    items = node.items() if isinstance(node, dict) else enumerate(node)
+    for key, value in items:
+        where = f"{path}{key}"
+        if isinstance(value, (dict, list)):
+            yield from _flat(value, where + ".")
+        else:
+            yield where, value
+
+
+def identity() -> dict[str, Any]:
+    """Which process runs where, to tell a killed run from one that goes on."""
+    return {"pid": os.getpid(), "host": platform.node()}

@@ -1,0 +1,50 @@
+"""How far a program has come: the plain values that, with the fields, are a checkpoint."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from dealib.program.increments import Place
+from dealib.program.inputs import REST, Drive
+from dealib.program.work import Work
+
+
+@dataclass
+class Progress:
+    """Everything besides the fields that the rest of a program depends on.
+
+    Attributes:
+        step: Number of the last converged step, -1 before the first.
+        time: Its clock time, s.
+        stage: Index of its stage; 0 is pre-strain.
+        stage_start: Clock time at which the stage began, s.
+        place: Where the increments are in the stage, in cycles.
+        drives: What drives the ports.
+        work: Work done so far.
+        row: The last row of the history, none before the first.
+    """
+
+    step: int = -1
+    time: float = 0.0
+    stage: int = 0
+    stage_start: float = 0.0
+    place: Place = field(default_factory=Place)
+    drives: dict[str, Drive] = field(default_factory=lambda: dict(REST))
+    work: Work = field(default_factory=Work)
+    row: dict[str, Any] | None = None
+
+    def plain(self) -> dict[str, Any]:
+        """As numbers, texts, lists and dicts."""
+        return asdict(self)
+
+    @classmethod
+    def of(cls, plain: dict[str, Any]) -> Progress:
+        """Inverse of `plain`, also after a round trip through JSON."""
+        given = dict(plain)
+        given["place"], given["work"] = Place(**given["place"]), Work(**given["work"])
+        given["drives"] = {
+            port: Drive(**{**drive, "knots": tuple(drive["knots"])})
+            for port, drive in given["drives"].items()
+        }
+        return cls(**given)

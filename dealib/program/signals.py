@@ -1,0 +1,92 @@
+"""Signals that ask a run to stop or to report: obeyed between steps, alike on every rank."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from types import FrameType, TracebackType
+from typing import Any
+
+from mpi4py import MPI
+
+from dealib.errors import Interrupted
+
+# `dealib run --mpi` forwards the first two as the third, which mpirun lets through
+_STOP = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR2)
+
+
+class Signals:
+    """While this context lasts, signals wait for the end of the step in progress.
+
+    SIGINT and SIGTERM stop the run there; a second one stops the process at once. SIGUSR1 is
+    answered there. Before `defer` is called there is no step to finish, and they stop it at once.
+
+    Args:
+        comm: MPI communicator.
+    """
+
+    def __init__(self, comm: Any = MPI.COMM_WORLD) -> None:
+        self._comm = comm
+        self._stop = self._report = 0
+        self._deferred = False
+        self._before: dict[int, Any] = {}
+
+    def __enter__(self) -> Signals:
+        self._before = self._install()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def defer(self) -> None:
+        """From now on there are steps, which are finished first."""
+        self._deferred = True
+        self._install()  # again: Gmsh has meanwhile set SIGTERM back to its default
+
+    def _install(self) -> dict[int, Any]:
+        """Take the signals; returns who had them."""
+        if threading.current_thread() is not threading.main_thread():
+            return {}
+        handlers = dict.fromkeys(_STOP, self._on_stop) | {signal.SIGUSR1: self._on_report}
+        return {number: signal.signal(number, handler) for number, handler in handlers.items()}
+
+    def obey(self) -> bool:
+        """Stop if a signal asks for it; call it after each step (collective).
+
+        Returns:
+            Whether SIGUSR1 asks for a report.
+
+        Raises:
+            Interrupted: On every rank, after SIGINT or SIGTERM on any of them.
+        """
+        stop = self._comm.allreduce(self._stop, op=MPI.MAX)
+        wanted = self._comm.allreduce(self._report, op=MPI.MAX)
+        self._report = 0
+        if stop:
+            raise _interrupted(stop, everywhere=True)
+        return bool(wanted)
+
+    def _on_stop(self, number: int, frame: FrameType | None) -> None:
+        if not self._deferred:
+            raise _interrupted(number, everywhere=False)
+        self._stop = number
+        for again in _STOP:
+            signal.signal(again, signal.SIG_DFL)
+        if self._comm.rank == 0:  # not print: a handler may interrupt one
+            os.write(2, b"\ndealib: finishing the step; once more to stop at once\n")
+
+    def _on_report(self, number: int, frame: FrameType | None) -> None:
+        self._report = 1
+
+
+def _interrupted(number: int, everywhere: bool) -> Interrupted:
+    if number == signal.SIGUSR2:
+        return Interrupted("stopped by SIGINT or SIGTERM", signal.SIGTERM, everywhere)
+    return Interrupted(f"stopped by {signal.Signals(number).name}", number, everywhere)
