@@ -77,6 +77,15 @@ DIVERGED_NAN: int = next(
 )
 
 
+def tabulate(ufl_element: Any, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Basis functions of a scalar element at reference points, (points, functions)."""
+    if LEGACY:
+        from ffcx.element_interface import create_element
+
+        ufl_element = create_element(ufl_element)
+    return np.asarray(ufl_element.tabulate(0, points)[0])
+
+
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep the compiler's lines out of the user's terminal (its errors are raised)."""
