@@ -146,5 +146,5 @@ def test_every_law_separates(law):
 
 
 def test_mixed_needs_second_order():
-    with pytest.raises(dealib.ConfigError, match="mixed needs mesh.order"):
+    with pytest.raises(dealib.ConfigError, match="mixed needs order 2"):
         dealib.load(MEMBRANE, set={"physics.formulation": "mixed", "mesh.order": 1})
