@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
+import gmsh
 import numpy as np
 import pytest
 from conftest import case, history
@@ -16,6 +17,7 @@ import dealib
 from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem
 from dealib.fem.system import Timings
+from dealib.geometry.model import gmsh_model
 
 HERE = Path(__file__).parent
 SMALL = {"mesh__columns": 16, "mesh__film_rows": 2}
@@ -119,3 +121,23 @@ def test_ranks_do_not_matter():
     assert done.returncode == 0, done.stderr
     for one, two in zip(serial, json.loads(done.stdout.splitlines()[-1]), strict=True):
         assert two == pytest.approx(one, rel=1e-8)
+
+
+def test_mixed_form_on_triangles(tmp_path, monkeypatch):
+    """A user's mesh of triangles, pressure constant in each: the same device as quadrilaterals."""
+    small = SMALL | MIXED | {"geometry__electrode_thickness": "0 um"}
+    small |= {"materials__film__bulk_modulus": "3340 MPa"}
+    original = gmsh.option.setNumber
+    monkeypatch.setattr(
+        gmsh.option, "setNumber", lambda k, v: original(k, 0 if k == "Mesh.RecombineAll" else v)
+    )
+    with gmsh_model(case("benchmark_strip", **small).config):
+        gmsh.write(str(tmp_path / "triangles.msh"))
+    monkeypatch.undo()
+    squares = history("benchmark_strip", **small)
+    program = [{"stage": "push", "mount": {"displacement": "-3 mm"}, "steps": 12}]
+    changes = small | {"mesh__file": str(tmp_path / "triangles.msh"), "program": program}
+    simulation = dealib.Simulation(case("benchmark_strip", **changes))
+    *_, last = simulation
+    assert simulation.layout.cell.name == "triangle"
+    assert last.row["force_N"] == pytest.approx(squares["force_N"][12], rel=5e-3)
