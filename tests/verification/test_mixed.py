@@ -1,8 +1,14 @@
 """The mixed form from kappa/G = 50 to 1e5 on the annular membrane of configs/membrane.yaml.
 
-F/(mu H a) at u = a, with H the unstretched thickness. Measured at kappa/G = 1e5, H/a = 0.01 (24 x 1
-cells, 120 x 4 cells: 8.3118): mixed 8.3115 with 65 Newton iterations in 24 steps, displacement form
-8.3204 with 370 in 45 steps, since its increments are cut.
+F/(mu H a) at u = a, H/a = 0.01, on one row of 24 cells, with Newton's iterations in 20 steps (mesh
+converged at 1e5: 8.3118):
+
+| kappa/G | displacement | mixed |
+|---|---|---|
+| 50 | 8.0409, 48 | 8.0382, 45 |
+| 1e3 | 8.3020, 75 | 8.2971, 45 |
+| 1e4 | 8.3167, 107 | 8.3101, 45 |
+| 1e5 | 8.3204, 129 | 8.3115, 45 |
 """
 
 from functools import cache
@@ -18,57 +24,35 @@ from dealib.results import local
 from dealib.results.fields import fields
 
 MEMBRANE = Path(__file__).parents[2] / "configs" / "membrane.yaml"
-A, STRETCH = 10.0, 1.2  # inner radius in mm, pre-stretch of the membrane
+A = 10.0  # inner radius in mm
 
 
 @cache
-def push(formulation, ratio, relative_thickness=0.01, columns=24, rows=1, voltage=0.0):
-    """Normalised forces before and after the voltage, and all Newton iterations."""
-    mounted = relative_thickness * A / STRETCH**2
+def push(formulation, ratio, columns=24, rows=1):
+    """Normalised force at the end, and all Newton iterations."""
     steps = [
         {"stage": "prestrain"},
         {"stage": "push", "mount": {"displacement": f"{-A} mm"}, "steps": 20},
     ]
-    if voltage:
-        steps.append({"stage": "on", "terminal": {"voltage": f"{voltage} kV"}, "steps": 3})
     case = dealib.load(
         MEMBRANE,
         set={
             "physics.formulation": formulation,
             "materials.film.bulk_modulus": f"{ratio} MPa",  # G = 1 MPa
-            "geometry.film_thickness": f"{mounted} mm",
             "mesh.columns": columns,
             "mesh.film_rows": rows,
             "program": steps,
         },
     )
     rows = [state.row for state in dealib.Simulation(case)]
-    unit = -relative_thickness * A * A
-    forces = {r["stage"]: r["force_N"] / unit for r in rows}
-    return forces, sum(r["newton_iterations"] for r in rows)
-
-
-@pytest.mark.parametrize(
-    ("normalised", "stage", "limit"), [(0, "push", 8.307286), (0.3, "on", 7.119352)]
-)
-def test_incompressible_membrane_limit(normalised, stage, limit):
-    """Extrapolated to H/a = 0 at kappa/G = 1e5: within 0.1 % of the membrane's ODE."""
-
-    def force(relative_thickness):
-        volts = 0.3 * relative_thickness * A / np.sqrt(3 * 8.8541878128e-6)
-        forces, _ = push("mixed", 1e5, relative_thickness, columns=40, rows=2, voltage=volts)
-        return forces[stage]
-
-    thick, thin = force(0.02), force(0.01)
-    assert 2 * thin - thick == pytest.approx(limit, rel=1e-3)
-    assert abs(thin - limit) < 0.7 * abs(thick - limit)  # first order in H/a
+    return -rows[-1]["force_N"] / (0.01 * A * A), sum(r["newton_iterations"] for r in rows)
 
 
 @pytest.mark.parametrize("ratio", [50, 1e3])
 def test_both_forms_agree_where_both_work(ratio):
     mixed, _ = push("mixed", ratio)
     displacement, _ = push("displacement", ratio)
-    assert displacement["push"] == pytest.approx(mixed["push"], rel=1e-3)
+    assert displacement == pytest.approx(mixed, rel=1e-3)
 
 
 def test_displacement_form_locks_and_labours_at_1e5():
@@ -76,11 +60,11 @@ def test_displacement_form_locks_and_labours_at_1e5():
     fine, _ = push("mixed", 1e5, columns=80, rows=2)
     mixed, few = push("mixed", 1e5)
     displacement, many = push("displacement", 1e5)
-    errors = [abs(f["push"] / fine["push"] - 1) for f in (mixed, displacement)]
+    errors = [abs(f / fine - 1) for f in (mixed, displacement)]
     assert errors[0] < 1e-4
     assert errors[1] > 8e-4  # 0.1 %
-    assert few < 75
-    assert many > 4 * few
+    assert few < 60
+    assert many > 2 * few
 
 
 def test_iterations_do_not_grow_with_the_bulk_modulus():
