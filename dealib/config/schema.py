@@ -178,11 +178,15 @@ class Materials(Section):
 class Physics(Section):
     """Which equations are solved."""
 
-    coupling: Literal["energy"] = Field(
-        "energy", description="energy: one electro-elastic potential"
+    coupling: Literal["energy", "maxwell_traction", "pelrine"] = Field(
+        "energy",
+        description="energy: one electro-elastic potential; for comparison, loads on the film's "
+        "electrode faces: maxwell_traction, the Maxwell stress, or pelrine, eps (V/d)^2",
     )
-    formulation: Literal["displacement"] = Field(
-        "displacement", description="displacement: u and phi"
+    formulation: Literal["displacement", "mixed"] = Field(
+        "displacement",
+        description="displacement: u and phi; mixed: u, phi and the pressure, for bulk moduli "
+        "above a few thousand shear moduli",
     )
     air_stiffness: Stress = Field(
         1e-6, gt=0, description="fictitious, carries the air's mesh; results do not depend on it"
@@ -353,6 +357,8 @@ class Config(Section):
         for port in ("mount", "terminal"):
             if first.stage == "prestrain" and getattr(first, port) is not None:
                 raise ValueAt(("program", 0, port), "a prestrain stage takes no input")
+        if self.physics.formulation == "mixed" and self.mesh.order != 2:
+            raise ValueAt(("mesh", "order"), "physics.formulation: mixed needs order 2")
         self._air_above_stroke()
         return self
 

@@ -96,6 +96,15 @@ def cache_folder() -> Path:
     return Path(str(known["cache_dir"])).expanduser() / "dealib"
 
 
+def tabulate(ufl_element: Any, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Basis functions of a scalar element at reference points, (points, functions)."""
+    if LEGACY:
+        from ffcx.element_interface import create_element
+
+        ufl_element = create_element(ufl_element)
+    return np.asarray(ufl_element.tabulate(0, points)[0])
+
+
 @contextmanager
 def _jit(comm: Any) -> Iterator[dict[str, Any]]:
     """Options for just-in-time compilation, by one process at a time and without chatter.

@@ -17,12 +17,12 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dealib.fem.device import Device, Spaces
+from dealib.fem.device import KINDS, Device, Spaces
 from dealib.geometry import names
 from dealib.geometry.supports import Support
 
 PORTS = ("mount", "terminal")
-FIELDS = ("displacement", "potential", "air mesh")
+FIELDS = ("displacement", "potential", "air mesh", "pressure")
 _FREE, _ZERO, _FIRST_PORT = 0, 1, 2
 
 Ints = npt.NDArray[np.int32]
@@ -109,6 +109,11 @@ def build(device: Device, spaces: Spaces, supports: list[Support]) -> Constraint
         kind[dofs] = {"zero": _ZERO, "mount": _FIRST_PORT, "terminal": _FIRST_PORT + 1}[
             support.target
         ]
+    pressure = np.zeros(total, bool)
+    if spaces.pressure_element is not None:  # it lives in the solids only
+        pressure[_dofs(W, "p", 2, device.all_cells)] = True
+        kind[pressure] = _ZERO
+        kind[_dofs(W, "p", 2, device.cells(*KINDS["film"], *KINDS["electrodes"]))] = _FREE
     solid, in_air = np.zeros(total, bool), np.zeros(total, bool)
     for region in device.regions:
         for component in ("u_R", "u_Z"):
@@ -117,7 +122,7 @@ def build(device: Device, spaces: Spaces, supports: list[Support]) -> Constraint
     for array in (kind, solid, in_air):
         _owners_decide(W, array)
     potential = np.zeros(total, bool)
-    potential[_dofs(W, "phi", 2, np.arange(len(device.region_of_cell), dtype=np.int32))] = True
+    potential[_dofs(W, "phi", 2, device.all_cells)] = True
     mesh_only = in_air & ~solid
 
     free = np.flatnonzero(kind[:owned] == _FREE).astype(np.int32)
@@ -130,7 +135,8 @@ def build(device: Device, spaces: Spaces, supports: list[Support]) -> Constraint
         numbers[np.flatnonzero(kind == _FIRST_PORT + i)] = first_port + i
     columns = _owners_decide(W, numbers).astype(np.int32)
 
-    field = np.where(potential[free], 1, np.where(mesh_only[free], 2, 0)).astype(np.int32)
+    which = [potential[free], mesh_only[free], pressure[free]]
+    field = np.select(which, [1, 2, 3]).astype(np.int32)
     return ConstraintMap(
         comm=comm,
         columns=columns,
@@ -149,8 +155,10 @@ def build(device: Device, spaces: Spaces, supports: list[Support]) -> Constraint
 
 
 def _dofs(W: Any, quantity: str, dim: int, entities: Ints) -> Ints:
-    sub = {"u_R": lambda: W.sub(0).sub(0), "u_Z": lambda: W.sub(0).sub(1), "phi": lambda: W.sub(1)}
-    return np.asarray(fem.locate_dofs_topological(sub[quantity](), dim, entities))
+    path = {"u_R": (0, 0), "u_Z": (0, 1), "phi": (1,), "p": (2,)}[quantity]
+    for k in path:
+        W = W.sub(k)
+    return np.asarray(fem.locate_dofs_topological(W, dim, entities))
 
 
 def _owners_decide(W: Any, values: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -69,6 +69,11 @@ class Device:
         found = [self.entities(r) for r in regions if r in self.groups]
         return np.sort(np.concatenate([np.empty(0, np.int32), *found])).astype(np.int32)
 
+    @property
+    def all_cells(self) -> Ints:
+        """All local cells."""
+        return np.arange(len(compat.original_cells(self.mesh)), dtype=np.int32)
+
     def owned(self, cells: Ints) -> Ints:
         """Those of the cells that this rank owns."""
         return cells[cells < compat.local_cells(self.mesh)]
@@ -95,8 +100,7 @@ class Device:
     @cached_property
     def region_of_cell(self) -> Ints:
         """Region id of each local cell (`REGION_IDS`)."""
-        total = len(compat.original_cells(self.mesh))
-        ids = np.full(total, -1, dtype=np.int32)
+        ids = np.full(len(self.all_cells), -1, dtype=np.int32)
         for region in self.regions:
             ids[self.entities(region)] = REGION_IDS[region]
         return ids
@@ -104,17 +108,19 @@ class Device:
 
 @dataclass
 class Spaces:
-    """The monolithic space of displacement and potential, and its state.
+    """The monolithic space of displacement, potential and perhaps pressure, and its state.
 
     Attributes:
-        W: Mixed space; sub-space 0 is u = (u_R, u_Z) in mm, 1 is phi in kV.
+        W: Mixed space; sub-space 0 is u = (u_R, u_Z) in mm, 1 is phi in kV, 2 is p in MPa.
         w: The current state.
         order: Polynomial order of u and phi.
+        pressure_element: Element of p in the mixed form, else None.
     """
 
     W: Any
     w: Any
     order: int
+    pressure_element: Any = None
 
 
 def build_device(config: Config, comm: MPI.Comm, save: Path | None = None) -> Device:
@@ -149,9 +155,27 @@ def build_device(config: Config, comm: MPI.Comm, save: Path | None = None) -> De
     return result
 
 
-def build_spaces(device: Device, order: int) -> Spaces:
-    """Continuous displacement and potential of one order in one space."""
-    vector = compat.element(device.mesh, "Lagrange", order, (2,))
-    scalar = compat.element(device.mesh, "Lagrange", order)
-    W = compat.functionspace(device.mesh, compat.mixed_element([vector, scalar]))
-    return Spaces(W, fem.Function(W, name="w"), order)
+def build_spaces(device: Device, order: int, mixed: bool = False) -> Spaces:
+    """Continuous displacement and potential of one order, and a pressure, in one space.
+
+    The pressure jumps from cell to cell, since it does so from film to electrode. With second-order
+    displacements it is linear in each quadrilateral (the inf-sup stable pair of best order), but
+    constant in each triangle, where the linear one would lock.
+
+    Args:
+        device: The device.
+        order: Order of displacement and potential.
+        mixed: Whether there is a pressure.
+    """
+    mesh = device.mesh
+    elements = [
+        compat.element(mesh, "Lagrange", order, (2,)),
+        compat.element(mesh, "Lagrange", order),
+    ]
+    pressure = None
+    if mixed:
+        quadrilateral = compat.cell_name(mesh) == "quadrilateral"
+        pressure = compat.element(mesh, *(("DPC", 1) if quadrilateral else ("DG", 0)))
+        elements.append(pressure)
+    W = compat.functionspace(mesh, compat.mixed_element(elements))
+    return Spaces(W, fem.Function(W, name="w"), order, pressure)

@@ -75,12 +75,13 @@ class Hyperelastic:
         """See `Energy`."""
         if self.prestretch is None:
             return self.law.energy(invariants(F), self.parameters)
-        return self.law.energy(invariants(self.total(F)), self.parameters) / self._volume
+        return self.law.energy(invariants(self.total(F)), self.parameters) / self.volume
 
     @property
-    def _volume(self) -> Any:
+    def volume(self) -> Any:
+        """Mesh volume per unstretched volume, det F_p."""
         p = self.prestretch
-        return p[0] * p[1] * p[2]
+        return 1 if p is None else p[0] * p[1] * p[2]
 
     def total(self, F: Any) -> Any:
         """F F_p: the deformation since the unstretched state."""
@@ -88,6 +89,35 @@ class Hyperelastic:
             return F
         p = self.prestretch
         return F * ufl.as_matrix([[p[0], 0, 0], [0, p[1], 0], [0, 0, p[2]]])
+
+
+@dataclass(frozen=True)
+class MixedHyperelastic:
+    """A solid whose volumetric energy bulk_modulus/2 (J - 1)^2 is p (J - 1) - p^2/(2 bulk_modulus).
+
+    The perturbed Lagrangian (Simo, Taylor and Pister, Comput. Methods Appl. Mech. Engrg. 51 (1985)
+    177): stationary in p at p = bulk_modulus (J - 1), where it is the solid's own energy.
+
+    Attributes:
+        solid: The solid; J counts from its unstretched state.
+        pressure: The unknown p = dU/dJ, MPa (positive in tension), as an expression of the state.
+    """
+
+    solid: Hyperelastic
+    pressure: Any
+
+    @property
+    def kind(self) -> str:
+        """See `Energy`."""
+        return self.solid.kind
+
+    def density(self, F: Any, E: Any) -> Any:
+        """See `Energy`."""
+        solid, p = self.solid, self.pressure
+        i = invariants(solid.total(F))
+        isochoric = solid.law.isochoric_energy(i, solid.parameters)
+        volumetric = p * (i.J - 1) - p**2 / (2 * solid.parameters.bulk_modulus)
+        return (isochoric + volumetric) / solid.volume
 
 
 @dataclass(frozen=True)

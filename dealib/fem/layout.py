@@ -28,6 +28,8 @@ _VTK = {
 class Layout:
     """Nodal values by cell on this rank, and the whole mesh on rank 0.
 
+    The columns of nodal values are (u_R, u_Z, phi), mm and kV, and p, MPa, in the mixed form.
+
     Attributes:
         cell: Reference cell.
         corners: Corner coordinates of the local cells (cells, corners, 2), mm.
@@ -43,6 +45,7 @@ class Layout:
     _owned: int
     _order: Any
     _original: Any
+    _pressure: tuple[Any, Any] | None  # its dofs by cell, and its basis at the cell's nodes
 
     @classmethod
     def of(cls, device: Device, spaces: Spaces) -> Layout:
@@ -54,6 +57,10 @@ class Layout:
         spaces_of = (W.sub(0).sub(0), W.sub(0).sub(1), W.sub(1))
         dofs = tuple(compat.cell_dofs(V)[:, vtk] for V in spaces_of)
         nodes = compat.cell_nodes(mesh)[:, _VTK[name, 1]]
+        pressure = None
+        if spaces.pressure_element is not None:
+            basis = compat.tabulate(spaces.pressure_element, cell.nodes)
+            pressure = (compat.cell_dofs(W.sub(2)), basis)
         corners = np.asarray(mesh.geometry.x[nodes][..., :2])
         owned = compat.local_cells(mesh)
         original = compat.original_cells(mesh)[:owned]
@@ -77,22 +84,37 @@ class Layout:
             whole = ResultMesh.number(
                 cell, global_nodes[order], xy[order], region[order], tuple(REGION_IDS)
             )
-        return cls(cell, corners, whole, spaces, comm, dofs, owned, order, original)
+        return cls(cell, corners, whole, spaces, comm, dofs, owned, order, original, pressure)
 
     def local(self) -> Floats:
-        """Nodal (u_R, u_Z, phi) of the local cells, ghosts included: (cells, nodes, 3)."""
+        """Nodal values of the local cells, ghosts included: (cells, nodes, columns)."""
         w = self._spaces.w.x.array
-        return np.stack([w[d] for d in self._dofs], axis=-1)
+        columns = [w[d] for d in self._dofs]
+        if self._pressure is not None:
+            dofs, basis = self._pressure
+            columns.append(w[dofs] @ basis.T)
+        return np.stack(columns, axis=-1)
 
     def gather(self) -> Floats | None:
-        """Nodal (u_R, u_Z, phi) of the whole mesh, (nodes, 3), on rank 0."""
+        """Nodal values of the whole mesh, (nodes, columns), on rank 0.
+
+        The pressure, which jumps between cells, is averaged at the nodes of each region.
+        """
         parts = self._comm.gather(self.local()[: self._owned], root=0)
         if self.mesh is None:
             return None
-        return self.mesh.to_nodes(np.concatenate(parts)[self._order])
+        by_cell = np.concatenate(parts)[self._order]
+        nodal = self.mesh.to_nodes(by_cell)
+        if self._pressure is not None:
+            every = np.arange(len(self.mesh.cells))  # nodes are split where regions meet
+            self.mesh.average(by_cell[..., 3], every, nodal[:, 3:])
+        return nodal
 
     def scatter(self, values: Floats | None) -> None:
-        """Set the state from nodal values of the whole mesh on rank 0 (inverse of `gather`)."""
+        """Set the state from nodal values of the whole mesh on rank 0 (inverse of `gather`).
+
+        The pressure is fitted to its averages in each cell: a start for Newton, who makes it exact.
+        """
         by_cell = None
         if self.mesh is not None and values is not None:
             by_cell = values[self.mesh.cells]
@@ -100,4 +122,8 @@ class Layout:
         w = self._spaces.w
         for k, dofs in enumerate(self._dofs):
             w.x.array[dofs[: self._owned]] = by_cell[self._original][..., k]
+        if self._pressure is not None:
+            dofs, basis = self._pressure
+            fitted = by_cell[self._original][..., 3] @ np.linalg.pinv(basis).T
+            w.x.array[dofs[: self._owned]] = fitted
         w.x.scatter_forward()

@@ -14,7 +14,7 @@ import numpy as np
 from dealib.errors import NotConverged
 from dealib.fem.compat import DIVERGED_NAN
 from dealib.fem.constraints import FIELDS
-from dealib.fem.problem import Problem
+from dealib.fem.problem import Problem, shear_modulus
 from dealib.fem.system import System, Timings
 
 log = logging.getLogger(__name__)
@@ -29,18 +29,26 @@ _OPTIONS: dict[str, Any] = {
     "mat_mumps_icntl_7": 5,  # METIS
     "mat_mumps_icntl_14": 60,  # room for pivoting, per cent
 }
-_STEP = 1e-7  # negligible step: of the film's thickness, of 1 kV
+_STEP = 1e-7  # negligible step: of the film's thickness, of 1 kV, of its shear modulus
 _ROUNDING = 1e4  # how far above the tolerance rounding may keep the residual
 Reason = PETSc.SNES.ConvergedReason
 
 
 @dataclass(frozen=True)
 class Scales:
-    """Sizes that residuals are compared with: force, charge and the air's fictitious force."""
+    """Sizes that residuals are compared with.
+
+    Attributes:
+        displacement: Force, N.
+        potential: Charge, uC.
+        air_mesh: The air's fictitious force, N.
+        pressure: The film's volume, mm^3.
+    """
 
     displacement: float
     potential: float
     air_mesh: float
+    pressure: float
 
     @classmethod
     def of(cls, problem: Problem) -> Scales:
@@ -48,11 +56,12 @@ class Scales:
         p = problem.config.physics
         g = problem.config.geometry
         air = 2 * math.pi * g.outer_radius * max(g.air_height, 1.0) * p.air_stiffness
-        return cls(problem.force_scale, problem.charge_scale, air)
+        volume = math.pi * (g.outer_radius**2 - g.inner_radius**2) * g.film_thickness
+        return cls(problem.force_scale, problem.charge_scale, air, volume)
 
     def array(self) -> Any:
         """In the order of `FIELDS`."""
-        return np.array([self.displacement, self.potential, self.air_mesh])
+        return np.array([self.displacement, self.potential, self.air_mesh, self.pressure])
 
 
 class Newton:
@@ -72,7 +81,9 @@ class Newton:
         self._tolerance = solver.tolerance * Scales.of(problem).array()
         self._port_tolerance = solver.tolerance
         thickness = problem.config.geometry.film_thickness
-        self._step_tolerance = _STEP * np.array([thickness, 1.0, thickness])  # mm, kV, mm
+        modulus = shear_modulus(problem.config.materials.film)
+        # mm, kV, mm, MPa
+        self._step_tolerance = _STEP * np.array([thickness, 1.0, thickness, modulus])
         options = PETSc.Options()
         for key, value in _OPTIONS.items():
             options[_PREFIX + key] = value

@@ -16,12 +16,14 @@ from dolfinx import fem
 from dealib.config.schema import Config
 from dealib.fem import compat
 from dealib.fem.constraints import ConstraintMap, build
+from dealib.fem.couplings import COUPLINGS, Coupling
 from dealib.fem.device import KIND_TAGS, Device, Spaces, build_device, build_spaces
 from dealib.fem.energies import (
     Energy,
     Hyperelastic,
     IdealDielectric,
     MeshElasticity,
+    MixedHyperelastic,
     constant,
     parameters,
 )
@@ -46,6 +48,7 @@ class Problem:
         electric: Electric energies.
         mesh_motion: Fictitious energies that only move the air's mesh.
         prestretch: Constant (radial, thickness, hoop) of the film.
+        coupling: How the electric field loads the body.
     """
 
     config: Config
@@ -57,6 +60,7 @@ class Problem:
     electric: list[Energy]
     mesh_motion: list[Energy]
     prestretch: Any
+    coupling: Coupling
     _forms: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -66,29 +70,36 @@ class Problem:
 
     def fields(self) -> tuple[Any, Any]:
         """Deformation gradient F and nominal field E of the current state."""
-        u, phi = ufl.split(self.spaces.w)
+        u, phi = ufl.split(self.spaces.w)[:2]
         return self.kinematics.deformation_gradient(u), self.kinematics.nominal_field(phi)
 
     def measure(self, kind: str) -> Any:
         """Integration over one kind of region."""
+        return self._measure("dx", self.device.kind_tags)(KIND_TAGS[kind])
+
+    def facets(self, sort: str, name: str) -> Any:
+        """Integration over a named boundary: sort 'ds' if it is an outer one, 'dS' if inner."""
+        return self._measure(sort, self.device.facet_tags)(self.device.groups[name][1])
+
+    def _measure(self, sort: str, tags: Any) -> Any:
         return ufl.Measure(
-            "dx",
+            sort,
             domain=self.device.mesh,
-            subdomain_data=self.device.kind_tags,
+            subdomain_data=tags,
             metadata={"quadrature_degree": self.degree},
-        )(KIND_TAGS[kind])
+        )
 
     def potential(self, energies: list[Energy]) -> Any:
-        """Sum of energies over their regions, in mJ; None if there are none."""
+        """Sum of energies over their regions, in mJ."""
         F, E = self.fields()
         terms = [e.density(F, E) * self.kinematics.volume * self.measure(e.kind) for e in energies]
-        return sum(terms[1:], terms[0]) if terms else None
+        return sum(terms[1:], terms[0])
 
     def form(self, name: str) -> Any:
         """A compiled form by name, or None where the device has no such part.
 
         Args:
-            name: 'elastic', 'electric' (energies); 'residual', 'tangent' (of both together);
+            name: 'elastic', 'electric' (energies); 'residual', 'tangent' (of both, coupled);
                 'mesh_residual', 'mesh_tangent' (of the air's fictitious elasticity).
         """
         if name not in self._forms:
@@ -99,11 +110,12 @@ class Problem:
         W, w = self.spaces.W, self.spaces.w
         if name in ("elastic", "electric"):
             return compat.form(self.potential(getattr(self, name)))
-        energies = self.mesh_motion if name.startswith("mesh") else self.elastic + self.electric
-        total = self.potential(energies)
-        if total is None:
-            return None
-        first = ufl.derivative(total, w, ufl.TestFunction(W))
+        if name.startswith("mesh"):
+            if not self.mesh_motion:
+                return None
+            first = ufl.derivative(self.potential(self.mesh_motion), w, ufl.TestFunction(W))
+        else:
+            first = self.coupling.residual(self, ufl.TestFunction(W))
         if name.endswith("residual"):
             return compat.form(first)
         return compat.form(ufl.derivative(first, w, ufl.TrialFunction(W)))
@@ -160,18 +172,23 @@ def problem_on(device: Device, config: Config, held: list[Support]) -> Problem:
         config: Materials, order and solver.
         held: What is held and driven; where two meet, the later one holds.
     """
-    spaces = build_spaces(device, config.mesh.order)
+    mixed = config.physics.formulation == "mixed"
+    spaces = build_spaces(device, config.mesh.order, mixed)
     mesh, m, g = device.mesh, config.materials, config.geometry
     prestretch = constant(mesh, [1.0, 1.0, 1.0])
 
     def permittivity(relative: float) -> Any:
         return constant(mesh, EPSILON_0 * relative)
 
-    elastic: list[Energy] = [Hyperelastic("film", m.film, parameters(mesh, m.film), prestretch)]
+    def solid(kind: str, law: Law, prestretch: Any = None) -> Energy:
+        part = Hyperelastic(kind, law, parameters(mesh, law), prestretch)
+        return MixedHyperelastic(part, ufl.split(spaces.w)[2]) if mixed else part
+
+    elastic = [solid("film", m.film, prestretch)]
     electric: list[Energy] = [IdealDielectric("film", permittivity(m.film.relative_permittivity))]
     motion: list[Energy] = []
     if names.TOP_ELECTRODE in device.groups and m.electrode is not None:
-        elastic.append(Hyperelastic("electrodes", m.electrode, parameters(mesh, m.electrode)))
+        elastic.append(solid("electrodes", m.electrode))
     if names.MOUNT_BLOCK in device.groups and g.clamps is not None:
         electric.append(IdealDielectric("blocks", permittivity(g.clamps.relative_permittivity)))
     if names.AIR in device.groups:
@@ -187,4 +204,5 @@ def problem_on(device: Device, config: Config, held: list[Support]) -> Problem:
         electric=electric,
         mesh_motion=motion,
         prestretch=prestretch,
+        coupling=COUPLINGS[config.physics.coupling],
     )

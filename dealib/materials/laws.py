@@ -2,7 +2,8 @@
 
 A new law is a new class here: its fields are its parameters, its docstring is its documentation,
 `energy` is all that the solver, the plots and the pre-stretch need. The same function serves the
-UFL forms (symbolic invariants, parameters as constants) and numpy.
+UFL forms (symbolic invariants, parameters as constants) and numpy. It separates: a function of I1
+and I2, plus bulk_modulus/2 (J - 1)^2, which the mixed form replaces by its own.
 """
 
 from __future__ import annotations
@@ -73,6 +74,11 @@ class Law(BaseModel):
             i: Invariants of the elastic deformation.
             p: The parameters, as attributes of the law's names, in MPa.
         """
+
+    @classmethod
+    def isochoric_energy(cls, i: Invariants, p: Any) -> Any:
+        """The energy without its volumetric part: `energy` at J = 1."""
+        return cls.energy(Invariants(i.I1, i.I2, 1.0), p)
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: Any) -> dict[str, Any]:

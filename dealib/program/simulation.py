@@ -40,7 +40,7 @@ class State:
     simulation: Simulation
 
     def nodal(self) -> Any:
-        """Nodal (u_R, u_Z, phi) of the whole mesh on rank 0, None elsewhere (collective)."""
+        """Nodal values of the whole mesh on rank 0 (see `Layout`), None elsewhere (collective)."""
         return self.simulation.layout.gather()
 
 

@@ -19,12 +19,13 @@ def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
     Args:
         config: The config of the run.
         mesh: Mesh of the results.
-        state: Nodal (u_R, u_Z, phi), shape (nodes, 3).
+        state: Nodal (u_R, u_Z, phi), and p in the mixed form, shape (nodes, 3 or 4).
 
     Returns:
         u (mm) and phi (kV); E (kV/mm) and D (uC/mm^2) in the deformed body; cauchy_stress and
         second_pk_stress (elastic, per mesh area for the latter) and maxwell_stress, MPa;
-        J = det F. Vectors have components (R, Z, theta), tensors (3, 3).
+        J = det F; in the mixed form p (MPa, positive in tension). Vectors have components
+        (R, Z, theta), tensors (3, 3).
     """
     n = len(mesh.points)
     out: dict[str, Array] = {
@@ -37,9 +38,14 @@ def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
         "maxwell_stress": np.zeros((n, 3, 3)),
         "J": np.ones(n),
     }
+    mixed = state.shape[1] > 3
+    if mixed:
+        out["p"] = state[:, 3].copy()
 
     def at_nodes(values: Array) -> Array:
-        return np.asarray(np.einsum("ng,cg...->cn...", mesh.cell.from_gauss, values))
+        flat = values.reshape(*values.shape[:2], -1)
+        nodal = mesh.cell.from_gauss @ flat
+        return np.asarray(nodal.reshape(*nodal.shape[:2], *values.shape[2:]))
 
     for name, material in local.region_materials(config).items():
         cells = mesh.in_region(name)
@@ -55,7 +61,11 @@ def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
             found["E"], found["D"] = e, material.permittivity * e
             found["maxwell_stress"] = local.maxwell(material.permittivity, e)
         if material.law is not None:
-            S = local.second_pk(material.law, k.F, material.prestretch)
+            pressure = None
+            if mixed:
+                N, _ = mesh.cell.shape(mesh.cell.gauss)
+                pressure = nodal[..., 3] @ N.T
+            S = local.second_pk(material.law, k.F, material.prestretch, pressure)
             found["second_pk_stress"] = at_nodes(S)
             found["cauchy_stress"] = at_nodes(local.cauchy(k.F, S))
         for key, values in found.items():

@@ -54,13 +54,17 @@ def kinematics(cell: Cell, corners: Array, points: Array, u: Array, phi: Array) 
     return Kinematics(F, J, e)
 
 
-def second_pk(law: Law, F: Array, prestretch: Array | None = None) -> Array:
+def second_pk(
+    law: Law, F: Array, prestretch: Array | None = None, pressure: Array | None = None
+) -> Array:
     """Elastic second Piola-Kirchhoff stress per mesh area, S = 2 dW/dC, shape of F.
 
     Args:
         law: The law.
         F: Deformation gradient from the mesh, (..., 3, 3).
         prestretch: Stretches (radial, thickness, hoop) before the mesh; None for none.
+        pressure: The mixed form's p, of shape F.shape[:-2], in place of the law's dW/dJ, which
+            near incompressibility is rounding error times the bulk modulus.
     """
     P = np.diag(np.ones(3) if prestretch is None else prestretch)
     total = F @ P
@@ -77,7 +81,7 @@ def second_pk(law: Law, F: Array, prestretch: Array | None = None) -> Array:
 
     S = 2 * times(d.I1 * J ** (-2 / 3), one - times(trace / 3, C_inverse))
     S += 2 * times(d.I2 * J ** (-4 / 3), times(trace, one) - C - times(2 / 3 * second, C_inverse))
-    S += times(d.J * J, C_inverse)
+    S += times((d.J if pressure is None else pressure) * J, C_inverse)
     return np.asarray(P @ S @ P / np.linalg.det(P))
 
 

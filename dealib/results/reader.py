@@ -95,7 +95,7 @@ class Run:
         return h5py.File(self.directory / store.STATES, "r")
 
     def state(self, index: int = -1) -> Array:
-        """Nodal (u_R, u_Z, phi) of the index-th stored step, (nodes, 3)."""
+        """Nodal values of the index-th stored step, (nodes, 3 or 4), see `store.COMPONENTS`."""
         steps = self.stored_steps
         try:
             step = steps[index]

@@ -23,6 +23,7 @@ from dealib.results.mesh import ResultMesh
 
 HISTORY, STATES, FIELDS, INFO = "history.csv", "results.h5", "fields.xdmf", "run.json"
 FIELD_DATA = "fields"  # folder of the HDF5 files beside fields.xdmf
+COMPONENTS = ["u_R_mm", "u_Z_mm", "phi_kV", "p_MPa"]  # the last one in the mixed form only
 STATE_DATA = "states"  # the same beside results.h5, while the run goes on
 
 
@@ -114,7 +115,7 @@ class StateFile:
             with new_hdf5(self.folder / f"{name}.h5") as file:
                 file["state"] = state
                 file["state"].attrs["time_s"] = row["time_s"]
-                file["state"].attrs["components"] = ["u_R_mm", "u_Z_mm", "phi_kV"]
+                file["state"].attrs["components"] = COMPONENTS[: state.shape[1]]
             self._links.append(name)
         self._write()
 

@@ -19,6 +19,7 @@ CASES = (
     Case("membrane-tabulated", membrane.tabulated, slow=True),
     Case("membrane-voltage", membrane.voltage),
     Case("membrane-no_voltage", membrane.no_voltage, slow=True),
+    Case("membrane-incompressible", membrane.incompressible),
     Case("membrane-narrow", membrane.narrow, slow=True),
     Case("membrane-mooney_rivlin", membrane.mooney_rivlin, slow=True),
     Case("membrane-electrodes", membrane.electrodes, slow=True),
