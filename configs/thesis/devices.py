@@ -130,19 +130,23 @@ def by_membrane(coupling: Coupling = "energy") -> Solver:
         )
         out, u, F, V = [], 0.0, 0.0, 0.0
         for t in targets:
-            steps = 3
-            for s in np.arange(1, steps + 1) / steps:
-                volts = V + s * (t.V - V)
-                if t.u is not None:
-                    now = u + s * (t.u - u)
-                    model.solve(volts, now)
-                elif F == u == 0 and s == 1 / steps:  # a flat film: start from a bulge
-                    assert t.F is not None
-                    model.solve(volts, 0.1)
-                    model.solve(volts, None, s * t.F)
-                else:
-                    assert t.F is not None
-                    model.solve(volts, None, F + s * (t.F - F))
+            if t.F is not None and u == 0:
+                model.solve(V, 0.3)  # a flat film: start from a bulge
+            now, step = 0.0, 1.0
+            while now < 1:
+                step = min(step, 1 - now)
+                s, kept = now + step, (model.q.copy(), [z.copy() for z in model.logs])
+                at = {"displacement": u + s * (t.u - u)} if t.u is not None else {}
+                if t.F is not None:
+                    at = {"force": F + s * (t.F - F)}
+                try:
+                    model.solve(V + s * (t.V - V), **at)
+                    now = s
+                except ArithmeticError:
+                    model.q, model.logs = kept
+                    step /= 2
+                    if step < 1 / 64:
+                        raise
             u, V = float(model.q[0, 1]), t.V
             F = float(model.residual(V)[0][0, 1])
             sigma = model.charge_density(V) if V else 0.0

@@ -8,7 +8,6 @@ Quantities in mm, N, MPa, kV, as everywhere in dealib.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -19,6 +18,7 @@ from scipy.linalg import solveh_banded
 from dealib.units import EPSILON_0
 
 Array = npt.NDArray[np.float64]
+_RIGID = 1e9  # N/mm, holds what is prescribed
 Coupling = Literal["energy", "maxwell_traction", "undeformed_pressure"]
 
 
@@ -46,17 +46,33 @@ class Layer:
         c10, c01 = (modulus / 6, 0.0) if law == "nh" else (modulus / 4, -modulus / 12)
         return cls(c10, c01, 50 / 3 * modulus, thickness, prestretch)
 
-    def derivatives(self, x: Array) -> tuple[Array, Array, Array]:
-        """Energy, its gradient and Hessian in the logarithmic principal stretches x, (n, 3)."""
+    def derivatives(self, x: Array) -> tuple[Array, Array]:
+        """Gradient and Hessian of the energy in the logarithmic principal stretches x, (n, 3)."""
         trace = x.sum(axis=1)
-        iso = x - trace[:, None] / 3
-        P = np.eye(3) - 1 / 3
+        squares = np.exp(2 * (x - trace[:, None] / 3))  # isochoric
         J = np.exp(trace)
-        a, b = np.exp(2 * iso), np.exp(-2 * iso)  # squared stretches, and inverse
-        w = self.c10 * (a.sum(1) - 3) + self.c01 * (b.sum(1) - 3) + self.bulk / 2 * (J - 1) ** 2
-        g = (2 * (self.c10 * a - self.c01 * b)) @ P + (self.bulk * (J - 1) * J)[:, None]
-        h = np.einsum("ij,ni,ik->njk", P, 4 * (self.c10 * a + self.c01 * b), P)
-        return w, g, h + (self.bulk * (2 * J - 1) * J)[:, None, None]
+        k1, k2 = self.c10 * squares, self.c01 / squares
+        g = 2 * _deviator(k1 - k2) + (self.bulk * (J - 1) * J)[:, None]
+        k = 4 * (k1 + k2)
+        third = k / 3
+        h = third.sum(axis=1)[:, None, None] / 3 - third[:, :, None] - third[:, None, :]
+        h[:, [0, 1, 2], [0, 1, 2]] += k
+        return g, h + (self.bulk * (2 * J - 1) * J)[:, None, None]
+
+    def across(self, x: Array) -> tuple[Array, Array]:
+        """The third component of the gradient and its derivative in the third stretch, (n,)."""
+        trace = x.sum(axis=1)
+        squares = np.exp(2 * (x - trace[:, None] / 3))
+        J = np.exp(trace)
+        k1, k2 = self.c10 * squares, self.c01 / squares
+        d, s = k1 - k2, k1 + k2
+        g = 2 * (d[:, 2] - d.sum(axis=1) / 3) + self.bulk * (J - 1) * J
+        h = 4 * (s[:, 2] / 3 + s.sum(axis=1) / 9) + self.bulk * (2 * J - 1) * J
+        return g, h
+
+
+def _deviator(k: Array) -> Array:
+    return np.asarray(k - k.sum(axis=1, keepdims=True) / 3)
 
 
 @dataclass
@@ -122,16 +138,22 @@ class Membrane:
         pressure = 0.0
         if k == 0:
             pressure = EPSILON_0 * self.permittivity * (volts / layer.thickness) ** 2
-        z = self.logs[k]
+        rest = self._mounted() if k == 0 else 0.0
+        state = np.column_stack([x + lp, y + lp, self.logs[k]])
         for _ in range(30):
-            _, g, h = layer.derivatives(np.stack([x + lp, y + lp, z], axis=1))
-            if k == 0:
-                self._electric(x, y, z - self._mounted(), pressure, g, h)
-            step = -g[:, 2] / h[:, 2, 2]
-            z = z + np.clip(step, -0.2, 0.2)
-            if np.abs(step).max() < 1e-12:
+            g3, h3 = layer.across(state)
+            if k == 0 and pressure:
+                e = self._electric(x, y, state[:, 2] - rest, pressure)
+                g3, h3 = g3 + e[0][:, 2], h3 + e[1][:, 2, 2]
+            step = -g3 / h3
+            state[:, 2] += np.clip(step, -0.2, 0.2)
+            if np.abs(step).max() < 1e-10:
                 break
-        self.logs[k] = z
+        self.logs[k] = state[:, 2]
+        g, h = layer.derivatives(state)
+        if k == 0 and pressure:
+            e = self._electric(x, y, state[:, 2] - rest, pressure)
+            g, h = g + e[0], h + e[1]
         # energy per mounted volume: the law's is per unstretched volume
         mounted = np.exp(2 * lp + (self._mounted() if k == 0 else 0.0))
         factor = layer.thickness / mounted
@@ -144,28 +166,26 @@ class Membrane:
         if not hasattr(self, "_rest"):
             lp, z = np.log(self.film.prestretch), 0.0
             for _ in range(50):
-                _, g, h = self.film.derivatives(np.array([[lp, lp, z]]))
-                z -= float(g[0, 2] / h[0, 2, 2])
+                g, h = self.film.across(np.array([[lp, lp, z]]))
+                z -= float(g[0] / h[0])
             self._rest = z
         return self._rest
 
-    def _electric(self, x: Array, y: Array, z: Array, p: float, g: Array, h: Array) -> None:
-        """Add the electric part, per unstretched volume, to gradient and Hessian."""
+    def _electric(self, x: Array, y: Array, z: Array, p: float) -> tuple[Array, Array]:
+        """The electric part of gradient and Hessian, per unstretched volume."""
         volume = np.exp(2 * np.log(self.film.prestretch) + self._mounted())
-        if self.coupling == "undeformed_pressure":
-            force = p * volume * np.exp(z)  # + p l3: a dead pressure does work on the thickness
-            g[:, 2] += force
-            h[:, 2, 2] += force
-            return
+        g, h = np.zeros((len(x), 3)), np.zeros((len(x), 3, 3))
+        sign = np.array([1.0, 1, -1])
         half = p * volume / 2 * np.exp(x + y - z)
         if self.coupling == "energy":
-            sign = np.array([1.0, 1, -1])
             g -= half[:, None] * sign
             h -= half[:, None, None] * np.outer(sign, sign)
-        else:  # only the pressure eps e^2 / 2 across the film
-            g[:, 2] += half
-            h[:, 2] += half[:, None] * np.array([1.0, 1, -1])
-            # the traction has no potential; the symmetric tangent below is only Newton's
+        elif self.coupling == "maxwell_traction":
+            g[:, 2] = half  # no potential: the symmetric part of the tangent is only Newton's
+            h[:, 2] = half[:, None] * sign
+        else:  # a dead pressure does the work p l3 on the thickness
+            g[:, 2] = h[:, 2, 2] = p * volume * np.exp(z)
+        return g, h
 
     def residual(self, volts: float) -> tuple[Array, Array]:
         """Nodal forces (nodes, 2) and the banded tangent."""
@@ -229,8 +249,10 @@ class Membrane:
             r = -f.ravel()
             if displacement is None:
                 r[1] += force or 0.0
-            for d in held:
-                self._hold(band, r, d, target if d == 1 else 0.0)
+            band[5, held] += _RIGID
+            r[held] = 0.0
+            if displacement is not None:
+                r[1] = _RIGID * target
             target = 0.0
             dq = _solve(band, r)
             largest = np.abs(dq).max()
@@ -242,23 +264,6 @@ class Membrane:
             if largest < 1e-9 and iteration:
                 return float(f[0, 1]) if displacement is not None else float(self.q[0, 1])
         raise ArithmeticError("the membrane found no equilibrium")
-
-    @staticmethod
-    def _hold(band: Array, r: Array, d: int, value: float) -> None:
-        """Prescribe one increment, symmetrically."""
-        size = band.shape[1]
-        for other in range(max(0, d - 5), min(size, d + 6)):
-            if other == d:
-                continue
-            low, high = min(d, other), max(d, other)
-            r[other] -= band[5 - (high - low), high] * value
-            band[5 - (high - low), high] = 0.0
-        band[5, d], r[d] = 1.0, value
-
-    def ramp(self, volts: Sequence[float], force: float | None = None) -> list[float]:
-        """Solve at each voltage in turn at a fixed force, or at the present displacement."""
-        u = None if force is not None else float(self.q[0, 1])
-        return [self.solve(v, u, force) for v in volts]
 
     def capacitance(self) -> float:
         """Of the film in its present shape, pF."""
@@ -278,7 +283,7 @@ class Membrane:
         l1, l2, _, _ = self.stretches()
         lp, rest = np.log(self.film.prestretch), self._mounted()
         x = np.stack([np.log(l1) + lp, np.log(l2) + lp, self.logs[0]], axis=1)
-        _, g, _ = self.film.derivatives(x)
+        g, _ = self.film.derivatives(x)
         return float((g[:, 0] / l1**2)[len(l1) // 2] / np.exp(2 * lp + rest))
 
 

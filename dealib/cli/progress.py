@@ -53,6 +53,8 @@ class Progress:
     def see(self, state: State) -> None:
         """See `Observer`."""
         row = state.row
+        for warning in state.warnings:
+            self._console.print(f"warning: {warning}", style="yellow", highlight=False)
         if self._bar is None:
             print(line(row), flush=True)
             return
@@ -84,6 +86,8 @@ class LogFile:
     def see(self, state: State) -> None:
         """See `Observer`."""
         self._write(line(state.row))
+        for warning in state.warnings:
+            self._write(f"warning: {warning}")
 
     def stop(self, error: BaseException | None) -> None:
         """See `Observer`."""

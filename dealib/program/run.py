@@ -144,6 +144,7 @@ def simulate(
         "host": platform.node(),
         "git": _git_hash(),
         "versions": versions(),
+        "warnings": [],
     }
     _publish(path, info, comm)
     timings: dict[str, float] = {"import": time.perf_counter() - begin}
@@ -161,6 +162,7 @@ def simulate(
         try:
             for state in simulation:
                 steps = state.row["step"]
+                info["warnings"] += state.warnings
                 for observer in everyone:
                     observer.see(state)
         finally:

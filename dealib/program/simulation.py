@@ -13,13 +13,14 @@ from mpi4py import MPI
 from dealib.config.case import Case
 from dealib.config.schema import Stage
 from dealib.fem.layout import Layout
-from dealib.fem.measures import measure
+from dealib.fem.measures import film_stretches, measure
 from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem
 from dealib.fem.system import Timings
 from dealib.program.increments import Increments
 from dealib.program.inputs import REST, milestones, mount_drive, terminal_drive
 from dealib.program.predictor import Predictor
+from dealib.program.stability import StabilityWatch
 from dealib.program.work import Work
 
 
@@ -30,12 +31,14 @@ class State:
     Attributes:
         row: The history's row.
         end_of_stage: Whether it ends a stage.
+        warnings: What the user should know from this state on; each is given once a simulation.
         simulation: Where it came from; holds the fields until the next state is asked for.
     """
 
     row: dict[str, Any]
     end_of_stage: bool
     simulation: Simulation
+    warnings: tuple[str, ...] = ()
 
     def nodal(self) -> Any:
         """Nodal (u_R, u_Z, phi) of the whole mesh on rank 0, None elsewhere (collective)."""
@@ -68,6 +71,7 @@ class Simulation:
         self._drives = dict(REST)
         self._work = Work()
         self._predictor = Predictor(case.config.solver.predictor_order)
+        self._watch = StabilityWatch(case.config.materials.film)
         self._step, self._time = 0, 0.0
 
     @property
@@ -132,7 +136,8 @@ class Simulation:
         row |= measure(self.newton, self.layout)
         row |= self._work.add(row)
         self._row = row
-        return State(row, last, self)
+        warnings = self._watch.see(row, lambda: film_stretches(self.newton, self.layout))
+        return State(row, last, self, warnings)
 
     def _failure(self, stage: Stage, at: float) -> str:
         """Where the program stopped and what to try."""
