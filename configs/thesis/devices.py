@@ -32,6 +32,7 @@ class Parameters:
     outer_200: float = 25.4
     preload_23: float = 0.35
     preload_36: float = 0.06
+    displacement_35: float = 1.3
 
     def vector(self) -> list[float]:
         """The values, in order."""
@@ -193,7 +194,8 @@ def by_finite_elements(device: Device, targets: Sequence[Target]) -> list[Reache
         row, mesh = state.row, state.simulation.layout.mesh
         found = fields(case.config, mesh, state.nodal())
         nodes = np.unique(mesh.cells[mesh.in_region("film")])
-        middle = nodes[np.abs(mesh.points[nodes, 0] - (d.inner + d.outer) / 2) < 0.1 * (d.outer - d.inner)]
+        share = (mesh.points[nodes, 0] - d.inner) / (d.outer - d.inner)
+        middle = nodes[np.abs(share - 0.5) < 0.1]
         out.append(
             Reached(
                 u=-row["displacement_mm"],
@@ -226,13 +228,16 @@ def quantities(p: Parameters, solve: Solver) -> dict[str, float]:
     q["film_closeness"] = _difference(q["film_mr125_F3"], q["film_nh1_F3"])
     charges, stresses = {}, {}
     for size, law in ((100, "nh"), (100, "mr"), (75, "nh"), (75, "mr"), (200, "nh")):
-        path = [Target(u=0.001), Target(u=1), Target(u=2), Target(u=2, V=VOLTS), Target(u=2)]
-        rest, _, held, driven, _, more, last = solve(
-            Device.of(p, size, law), [*path, Target(u=2.5), Target(u=3)]
-        )
         tag = law if size == 100 else f"{law}{size}"
+        path = [Target(u=0.001), Target(u=1), Target(u=2), Target(u=2, V=VOLTS), Target(u=2)]
+        path += [Target(u=2.5), Target(u=3)]
+        if tag == "nh75":
+            path += [Target(u=p.displacement_35), Target(u=p.displacement_35, V=VOLTS)]
+        rest, _, held, driven, _, more, last, *other = solve(Device.of(p, size, law), path)
         q[f"{tag}_F2"], q[f"{tag}_F3"] = held.F, last.F
         q[f"{tag}_blocking"] = held.F - driven.F
+        if other:
+            q[f"{tag}_blocking_35"] = other[0].F - other[1].F
         if law == "nh":
             q[f"C{size}_0"], q[f"C{size}_25"] = rest.C, more.C
             q[f"charge_{size}"] = charges[size] = driven.charge_density

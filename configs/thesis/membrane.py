@@ -212,12 +212,8 @@ class Membrane:
         second *= (g[:, 0] / l1**2)[:, None, None]
         for i in range(2):
             for j in range(2):
-                K[:, i::2, j::2] += np.einsum(
-                    "p,pa,pb->pab", second[:, i, j], self.dN, self.dN
-                )
-        K[:, 0::2, 0::2] -= np.einsum(
-            "p,pa,pb->pab", g[:, 1] / (l2 * self.R) ** 2, self.N, self.N
-        )
+                K[:, i::2, j::2] += np.einsum("p,pa,pb->pab", second[:, i, j], self.dN, self.dN)
+        K[:, 0::2, 0::2] -= np.einsum("p,pa,pb->pab", g[:, 1] / (l2 * self.R) ** 2, self.N, self.N)
         K *= self.area[:, None, None]
         where = (2 * self.dofs[self.element][:, :, None] + np.arange(2)).reshape(n, 6)
         size = 2 * len(self.nodes)
@@ -273,7 +269,7 @@ class Membrane:
         return float(1e3 * (per_area * self.area).sum())
 
     def charge_density(self, volts: float) -> float:
-        """eps V / h at the middle of the strip, uC/mm^2 (that is C/m^2)."""
+        """True charge density eps V / h at the middle of the strip, uC/mm^2 (that is C/m^2)."""
         l3 = np.exp(self.logs[0] - self._mounted())
         h = self.film.thickness * l3[len(l3) // 2]
         return float(EPSILON_0 * self.permittivity * volts / h)

@@ -88,7 +88,8 @@ WINDOWS = (
     W("31", "mr_stroke_28_10", 0.0, 0.95, "", "text", "stroke at 28 g over that at 10 g: falls"),
     W("32", "nh_blocking", 0.10, 0.14, "N", "fill", "force change at 2 mm, 2.5 kV"),
     W("32", "mr_blocking", 0.10, 0.14, "N", "fill", "force change at 2 mm, 2.5 kV"),
-    W("35", "nh75_blocking", 0.04, 0.06, "N", "fill", "DEAP75, 2.5 kV; taken at 2 mm"),
+    W("35", "nh75_blocking_35", 0.04, 0.06, "N", "fill", "DEAP75, 2.5 kV; at displacement_35"),
+    W("35", "nh75_blocking", 0.04, 0.06, "N", "fill", "the same if it were at 2 mm", False),
     # capacitance
     W("38", "C100_0", 220, 240, "pF", "fill", "DEAP100 at rest"),
     W("38", "C100_25", 320, 340, "pF", "fill", "DEAP100 at 2.5 mm"),

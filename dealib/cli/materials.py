@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import ValidationError
-
 import typer
+from pydantic import ValidationError
 
 from dealib.config.source import did_you_mean
 from dealib.errors import ConfigError

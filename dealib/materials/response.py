@@ -44,7 +44,7 @@ def uniaxial(law: Law, stretch: float) -> tuple[float, float, float]:
     try:
         t = guess if stretch == 1 else float(brentq(lateral, 0.7 * guess, 1.4 * guess, xtol=1e-14))
     except ValueError:
-        raise ValueError(f"no lateral stretch is free of stress at the stretch {stretch:g}") from None
+        raise ValueError(f"no lateral stretch without stress at the stretch {stretch:g}") from None
     return stretch, t, t
 
 

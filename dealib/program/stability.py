@@ -45,7 +45,7 @@ class StabilityWatch:
             first, second = stretches[lost][stretches[lost].max(axis=1).argmax()]
             return (
                 f"step {row['step']} ({row['stage']}): the film, stretched by {first:.3f} x "
-                f"{second:.3f}, {said} the stability limit of its law; beyond it stretching on asks "
-                "for less stress, and results depend on the mesh (see dealib materials)",
+                f"{second:.3f}, {said} the stability limit of its law; beyond it stretching on "
+                "asks for less stress, and results depend on the mesh (see dealib materials)",
             )
         return ()
