@@ -105,7 +105,7 @@ def test_command_lists_laws_and_draws_one(tmp_path):
         (("mooney",), "unknown law 'mooney'"),
         (("neo_hookean", "--set", "c10=1 MPa"), "unknown parameter"),
         (("mooney_rivlin", "--set", "youngs_modulus=1"), "has no unit"),
-        (("neo_hookean", "--out", "a.bmp"), "ends in .png, .svg, .pdf"),
+        (("neo_hookean", "--out", "a.bmp"), "must end in .png, .svg, .pdf"),
         (("--config", str(CONFIGS / "membrane.yaml"), "--region", "electrode"), "no such material"),
     ],
 )

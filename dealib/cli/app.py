@@ -226,7 +226,8 @@ def materials(
     region: Annotated[str, typer.Option(help="of the config: film or electrode")] = "film",
     out: Annotated[Path | None, typer.Option(help="picture; default LAW.png")] = None,
     stretch: Annotated[float, typer.Option(min=1.01, max=10, help="largest stretch")] = 2.0,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the picture")] = False,
+    dark: Dark = False,
+    overwrite: Overwrite = False,
 ) -> None:
     """List the laws, or draw one law's own response and its stability limit."""
     from dealib.cli import materials as command
@@ -242,4 +243,4 @@ def materials(
             raise ConfigError("--config gives the law and its parameters: drop LAW and --set")
         law, found = command.law_of_config(config, region)
     path = out or Path(f"{law}.png")
-    command.plot_law(found, law or "", stretch, path, overwrite)
+    command.plot_law(found, law or "", stretch, path, dark, overwrite)

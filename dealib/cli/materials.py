@@ -11,7 +11,6 @@ from dealib.config.source import did_you_mean
 from dealib.errors import ConfigError
 from dealib.materials.laws import LAWS, Law
 
-SUFFIXES = (".png", ".svg", ".pdf")
 
 
 def list_laws() -> str:
@@ -72,22 +71,18 @@ def law_of_config(path: Path, region: str) -> tuple[str, Law]:
     return found.law, found
 
 
-def plot_law(law: Law, name: str, largest: float, out: Path, overwrite: bool) -> None:
+def plot_law(law: Law, name: str, largest: float, out: Path, dark: bool, overwrite: bool) -> None:
     """Draw a law and print where it stops being stable.
 
     Raises:
         ConfigError: If the picture cannot be written there.
     """
-    if out.suffix not in SUFFIXES:
-        raise ConfigError(f"--out {out}: a picture ends in {', '.join(SUFFIXES)}")
-    if out.exists() and not overwrite:
-        raise ConfigError(f"{out} exists; choose another name, or --overwrite it")
-    if not out.parent.is_dir():
-        raise ConfigError(f"{out}: there is no folder {out.parent}")
     from dealib.materials.response import MODES, stability_limit
     from dealib.plots.materials import draw_law
+    from dealib.plots.style import FORMATS, check_target
 
-    draw_law(law, name, largest, out)
+    check_target(out, FORMATS, overwrite)
+    draw_law(law, name, largest, out, dark)
     for mode in MODES:
         limit = stability_limit(law, mode)
         text = "stable up to a stretch of 10" if limit == float("inf") else f"stable to {limit:.4f}"
