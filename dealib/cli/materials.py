@@ -12,7 +12,6 @@ from dealib.errors import ConfigError
 from dealib.materials.laws import LAWS, Law
 
 
-
 def list_laws() -> str:
     """All laws with their parameters, their units and what they mean."""
     rows = []
