@@ -3,7 +3,7 @@
     python configs/thesis/identify.py            # about 15 minutes; writes identification.*
 
 Least squares over the windows of `windows.py`: no misfit inside a window, outside the distance over
-the window's width, three times for bounds that are printed. A weak pull to the windows' middles
+the window's width, ten times for bounds that are printed. A weak pull to the windows' middles
 (5 %) makes the answer unique. The membrane model compares the couplings and leaves figures out;
 dealib's finite elements refine the result, with derivatives from the membrane.
 """
@@ -218,7 +218,7 @@ def report(fits: dict[str, Fit], final: Fit) -> str:
         "Written by `python configs/thesis/identify.py`; every number below is computed. "
         "The thesis publishes none of these parameters. They are identified from all windows that "
         "its text and axes give (`windows.py`), by least squares with soft intervals, in which a "
-        "bound that is printed counts three times one that is inferred; uncertainty "
+        "bound that is printed counts ten times one that is inferred; uncertainty "
         "takes half a window's width as one standard deviation of each quantity.",
         "## Values (finite elements, energy coupling)",
         table(

@@ -11,6 +11,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 
+PRINTED = 10.0  # weight of a miss of a bound that is printed: no curve leaves its axes
+
+
 @dataclass(frozen=True)
 class Window:
     """An interval of a quantity.
@@ -38,12 +41,12 @@ class Window:
 
     @property
     def weights(self) -> tuple[float, float]:
-        """Of a miss below and above: a bound that is printed counts three times an inferred one."""
+        """Of a miss below and above: a printed bound is nearly hard."""
         if self.kind == "prior":
             return 1.0, 1.0
         if self.kind != "fill":
-            return 3.0, 3.0
-        return (3.0, 1.0) if self.lowest else (1.0, 3.0)
+            return PRINTED, PRINTED
+        return (PRINTED, 1.0) if self.lowest else (1.0, PRINTED)
 
     @property
     def scale(self) -> float:
