@@ -332,7 +332,7 @@ def main() -> None:
     """Fit, refine, report."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--start", type=json.loads, default={}, help="parameters to start from")
-    parser.add_argument("--evaluations", type=int, default=25, help="limit of each fit")
+    parser.add_argument("--evaluations", type=int, default=50, help="limit of each fit")
     arguments = parser.parse_args()
     begin, start = time.perf_counter(), Parameters(**arguments.start)
     fits: dict[str, Fit] = {}

@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-
 PRINTED = 10.0  # weight of a miss of a bound that is printed: no curve leaves its axes
 
 
