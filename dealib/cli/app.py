@@ -220,3 +220,34 @@ def report(
     from dealib.cli.report import report as write
 
     typer.echo(write(run, out, overwrite))
+
+
+@app.command()
+def materials(
+    law: Annotated[str | None, typer.Argument(metavar="[LAW]", help="draw this law")] = None,
+    set: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="a parameter, such as c10='0.25 MPa'"),
+    ] = None,
+    config: Annotated[Path | None, typer.Option(help="take the law from this config")] = None,
+    region: Annotated[str, typer.Option(help="of the config: film or electrode")] = "film",
+    out: Annotated[Path | None, typer.Option(help="picture; default LAW.png")] = None,
+    stretch: Annotated[float, typer.Option(min=1.01, max=10, help="largest stretch")] = 2.0,
+    dark: Dark = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """List the laws, or draw one law's own response and its stability limit."""
+    from dealib.cli import materials as command
+    from dealib.errors import ConfigError
+
+    if law is None and config is None:
+        typer.echo(command.list_laws())
+        return
+    if config is None:
+        found = command.given_law(law or "", set or [])
+    else:
+        if law or set:
+            raise ConfigError("--config gives the law and its parameters: drop LAW and --set")
+        law, found = command.law_of_config(config, region)
+    path = out or Path(f"{law}.png")
+    command.plot_law(found, law or "", stretch, path, dark, overwrite)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import fcntl
 import functools
+import inspect
 import logging
 import os
 import platform
@@ -142,8 +143,9 @@ def _locked(folder: Path) -> Iterator[None]:
 
 def functionspace(mesh: Any, element: Any) -> Any:
     """The finite element space of an element on a mesh."""
+    known = inspect.signature(_functionspace).parameters
     with _jit(mesh.comm) as options:
-        return _functionspace(mesh, element, **options)
+        return _functionspace(mesh, element, **{k: v for k, v in options.items() if k in known})
 
 
 @functools.cache

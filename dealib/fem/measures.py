@@ -138,6 +138,21 @@ QUANTITIES: dict[str, Callable[[Snapshot], float]] = {
 }
 
 
+def film_stretches(newton: Newton, layout: Layout) -> Any:
+    """In-plane principal stretches of the film since its unstretched state (collective).
+
+    Returns:
+        Shape (points, 2): the larger stretch in the R-Z plane and the hoop stretch, of all ranks.
+    """
+    F = Snapshot(newton, layout).film_total
+    C = np.swapaxes(F, -1, -2) @ F
+    C = C.reshape(-1, 3, 3)
+    middle, half = (C[:, 0, 0] + C[:, 1, 1]) / 2, (C[:, 0, 0] - C[:, 1, 1]) / 2
+    meridional = middle + np.hypot(half, C[:, 0, 1])
+    mine = np.sqrt(np.column_stack([meridional, C[:, 2, 2]]))
+    return np.concatenate(newton.system.map.comm.allgather(mine))
+
+
 def measure(newton: Newton, layout: Layout) -> dict[str, float]:
     """All quantities of the current state, on every rank (collective)."""
     snapshot = Snapshot(newton, layout)

@@ -14,7 +14,7 @@ from dealib.config.case import Case
 from dealib.config.schema import Stage
 from dealib.errors import ConfigError
 from dealib.fem.layout import Layout
-from dealib.fem.measures import measure
+from dealib.fem.measures import film_stretches, measure
 from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem
 from dealib.fem.system import Timings
@@ -22,6 +22,7 @@ from dealib.program.increments import Increments, Place
 from dealib.program.inputs import milestones, mount_drive, terminal_drive
 from dealib.program.predictor import Predictor
 from dealib.program.progress import Progress
+from dealib.program.stability import StabilityWatch
 from dealib.results.checkpoint import Checkpoint
 
 
@@ -78,6 +79,7 @@ class Simulation:
         self.steps_planned = _steps_planned(case.config.program)
         self.progress = Progress()
         self._predictor = Predictor(case.config.solver.predictor_order)
+        self._watch = StabilityWatch(case.config.materials.film)
         self._stages = case.config.program
         if self._stages[0].stage != "prestrain":
             self._stages = (Stage(stage="prestrain", duration="1 s"), *self._stages)
@@ -175,6 +177,7 @@ class Simulation:
         row |= measure(self.newton, self.layout)
         row |= p.work.add(p.row, row)
         p.step, p.time, p.row = p.step + 1, at, row
+        self._watch.see(row, lambda: film_stretches(self.newton, self.layout))
         return State(row, last, self)
 
     def _failure(self, stage: Stage, at: float) -> str:

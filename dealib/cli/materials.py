@@ -1,0 +1,89 @@
+"""`dealib materials`: list the laws, or draw one law's own response."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+from pydantic import ValidationError
+
+from dealib.config.source import did_you_mean
+from dealib.errors import ConfigError
+from dealib.materials.laws import LAWS, Law
+
+
+def list_laws() -> str:
+    """All laws with their parameters, their units and what they mean."""
+    rows = []
+    for name, law in LAWS.items():
+        rows.append(f"{name}: {(law.__doc__ or '').splitlines()[0].partition(': ')[2]}")
+        for parameter in law.names():
+            rows.append(f"    {parameter:<16} {law.model_fields[parameter].description}")
+    rows.append("each also takes youngs_modulus alone, by the thesis's rule; moduli with their")
+    rows.append("unit, such as '0.25 MPa'")
+    return "\n".join(rows)
+
+
+def given_law(name: str, settings: list[str]) -> Law:
+    """A law with `key=value` parameters; with Young's modulus 1 MPa if there are none.
+
+    Raises:
+        ConfigError: If the law or a parameter is unknown or wrong.
+    """
+    if name not in LAWS:
+        raise ConfigError(f"unknown law {name!r}{did_you_mean(name, LAWS)}")
+    law, values = LAWS[name], {}
+    for setting in settings:
+        key, sign, value = setting.partition("=")
+        key = key.strip()
+        if not sign:
+            raise ConfigError(f"--set {setting}: expected KEY=VALUE, such as c10='0.25 MPa'")
+        if key not in law.model_fields or key == "law":
+            known = (*law.names(), "youngs_modulus")
+            raise ConfigError(f"--set {setting}: unknown parameter{did_you_mean(key, known)}")
+        values[key] = value.strip()
+    try:
+        return law.model_validate({"law": name} | (values or {"youngs_modulus": "1 MPa"}))
+    except ValidationError as error:
+        found = [
+            f"{'.'.join(map(str, e['loc']))}: {e['msg'].removeprefix('Value error, ')}".lstrip(": ")
+            for e in error.errors()
+        ]
+        raise ConfigError(f"{name}: " + "; ".join(found)) from None
+
+
+def law_of_config(path: Path, region: str) -> tuple[str, Law]:
+    """Name and law of a region of a config.
+
+    Raises:
+        ConfigError: If the config is wrong or has no such region.
+    """
+    from dealib.config import load
+
+    materials = load(path).config.materials
+    known = type(materials).model_fields
+    if region not in known:
+        raise ConfigError(f"--region {region}: no such material{did_you_mean(region, known)}")
+    found = getattr(materials, region)
+    if found is None:
+        raise ConfigError(f"--region {region}: {path} has no such material")
+    return found.law, found
+
+
+def plot_law(law: Law, name: str, largest: float, out: Path, dark: bool, overwrite: bool) -> None:
+    """Draw a law and print where it stops being stable.
+
+    Raises:
+        ConfigError: If the picture cannot be written there.
+    """
+    from dealib.materials.response import MODES, stability_limit
+    from dealib.plots.materials import draw_law
+    from dealib.plots.style import FORMATS, check_target
+
+    check_target(out, FORMATS, overwrite)
+    draw_law(law, name, largest, out, dark)
+    for mode in MODES:
+        limit = stability_limit(law, mode)
+        text = "stable up to a stretch of 10" if limit == float("inf") else f"stable to {limit:.4f}"
+        typer.echo(f"{mode:<14} {text}")
+    typer.echo(str(out))
