@@ -1,0 +1,146 @@
+"""A law's own response: homogeneous stretching, and where the law stops being stable.
+
+Stretches are principal stretches from the unstretched state, stresses are in MPa.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dealib.materials.laws import Law, invariants_of_stretches
+from dealib.materials.prestretch import thickness_stretch
+
+Array = npt.NDArray[np.float64]
+
+
+def nominal_stress(law: Law, stretches: Any) -> Array:
+    """Principal nominal stresses dW/dl_i, shape (..., 3), by complex steps (exact to rounding)."""
+    l, p, h = np.asarray(stretches, dtype=complex), SimpleNamespace(**law.parameters), 1e-30
+    out = np.empty(l.shape)
+    for i in range(3):
+        moved = l.copy()
+        moved[..., i] += 1j * h
+        out[..., i] = np.imag(law.energy(invariants_of_stretches(*np.moveaxis(moved, -1, 0)), p))
+    return out / h
+
+
+def uniaxial(law: Law, stretch: float) -> tuple[float, float, float]:
+    """Stretches of a bar that is free sideways.
+
+    Raises:
+        ValueError: If the law has no such state near the isochoric one.
+    """
+    from scipy.optimize import brentq
+
+    def lateral(t: float) -> float:
+        return float(nominal_stress(law, (stretch, t, t))[1])
+
+    guess = stretch**-0.5
+    try:
+        t = guess if stretch == 1 else float(brentq(lateral, 0.7 * guess, 1.4 * guess, xtol=1e-14))
+    except ValueError:
+        raise ValueError(f"no lateral stretch without stress at the stretch {stretch:g}") from None
+    return stretch, t, t
+
+
+def equal_biaxial(law: Law, stretch: float) -> tuple[float, float, float]:
+    """Stretches of a film that is stretched equally in its plane."""
+    return stretch, stretch, thickness_stretch(law, stretch, stretch)
+
+
+def pure_shear(law: Law, stretch: float) -> tuple[float, float, float]:
+    """Stretches of a wide film that keeps its width."""
+    return stretch, 1.0, thickness_stretch(law, stretch, 1.0)
+
+
+Mode = Callable[[Law, float], tuple[float, float, float]]
+MODES: dict[str, Mode] = {
+    "uniaxial": uniaxial,
+    "equal-biaxial": equal_biaxial,
+    "pure shear": pure_shear,
+}
+_SECOND: dict[str, Callable[[Array], Array]] = {  # second in-plane stretch at constant volume
+    "uniaxial": lambda l: l**-0.5,
+    "equal-biaxial": lambda l: l,
+    "pure shear": lambda l: np.ones_like(l),
+}
+
+
+def response(law: Law, mode: str, stretches: Any) -> tuple[Array, Array, Array]:
+    """A law's response in one mode, with its own bulk modulus.
+
+    Args:
+        law: Law with its parameters.
+        mode: A key of `MODES`.
+        stretches: Stretches in the loaded direction.
+
+    Returns:
+        Nominal and true stress in the loaded direction, and J, of the states that exist; NaN
+        elsewhere.
+    """
+    states = np.full((len(stretches), 3), np.nan)
+    for k, stretch in enumerate(stretches):
+        try:
+            states[k] = MODES[mode](law, float(stretch))
+        except ValueError:
+            continue
+    J = states.prod(axis=1)
+    nominal = nominal_stress(law, states)[:, 0]
+    return nominal, nominal * states[:, 0] / J, J
+
+
+def stiffness(law: Law, first: Any, second: Any) -> Array:
+    """Smallest eigenvalue of the tangent for changes of shape, MPa.
+
+    The tangent relates the Kirchhoff stresses to the logarithmic principal stretches,
+    d2W / d(ln l_i) d(ln l_j), restricted to constant volume at l3 = 1 / (l1 l2). Where it is not
+    positive the law violates Hill's inequality dtau : dlne > 0 (R. Hill, Proc. R. Soc. Lond. A 314,
+    457-472, 1970): stretching on asks for less stress. In equal-biaxial stretching that is the peak
+    of the true stress.
+
+    Args:
+        law: Law with its parameters.
+        first: In-plane stretches.
+        second: The others.
+    """
+    p = SimpleNamespace(**law.parameters)
+    x, y = np.log(np.asarray(first, dtype=float)), np.log(np.asarray(second, dtype=float))
+
+    def energy(a: float, b: float) -> Array:
+        # orthonormal directions at constant volume: (1, -1, 0) and (1, 1, -2)
+        u, v = a / np.sqrt(2), b / np.sqrt(6)
+        l1, l2 = np.exp(x + u + v), np.exp(y - u + v)
+        return np.asarray(law.energy(invariants_of_stretches(l1, l2, 1 / (l1 * l2)), p))
+
+    h = 2e-4
+    with np.errstate(all="ignore"):  # beyond a law's locking stretch there is no energy
+        w = energy(0, 0)
+        aa = (energy(h, 0) - 2 * w + energy(-h, 0)) / h**2
+        bb = (energy(0, h) - 2 * w + energy(0, -h)) / h**2
+        ab = (energy(h, h) - energy(h, -h) - energy(-h, h) + energy(-h, -h)) / (4 * h**2)
+        return np.asarray((aa + bb) / 2 - np.sqrt((aa - bb) ** 2 / 4 + ab**2))
+
+
+def stability_limit(law: Law, mode: str, largest: float = 10.0) -> float:
+    """Smallest stretch above 1 at which the law is not stable in a mode (see `stiffness`).
+
+    Returns:
+        The stretch; infinity if there is none up to `largest`.
+    """
+    from scipy.optimize import brentq
+
+    def value(l: Any) -> Array:
+        return stiffness(law, l, _SECOND[mode](np.asarray(l, dtype=float)))
+
+    stretches = np.geomspace(1.0, largest, 1000)
+    found = value(stretches)
+    lost = np.flatnonzero(found <= 0)
+    locked = np.flatnonzero(~np.isfinite(found))
+    if len(lost) == 0 or (len(locked) and locked[0] < lost[0]):
+        return float("inf")
+    return float(brentq(value, stretches[lost[0] - 1], stretches[lost[0]], xtol=1e-9))
