@@ -20,8 +20,8 @@ def component(arrays: dict[str, Array], name: str) -> Array:
     Raises:
         ValueError: If the name is unknown.
     """
-    if name not in QUANTITIES or name == SURFACE_CHARGE:
-        known = [*QUANTITIES, LENGTH]
+    if name not in QUANTITIES:
+        known = [*QUANTITIES, SURFACE_CHARGE, LENGTH]
         raise ValueError(f"unknown field {name!r}{did_you_mean(name, known)}")
     what = QUANTITIES[name]
     return what.of(arrays) / what.factor
