@@ -101,11 +101,11 @@ def folder(tmp_path_factory):
     return path
 
 
-def run_cli(folder, *arguments):
+def run_cli(folder, *arguments, timeout=300):
     command = [sys.executable, "-m", "dealib", *map(str, arguments)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300
+        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=timeout
     )
 
 
@@ -255,6 +255,24 @@ def test_sweep_goes_on_past_failures_and_resumes(folder):
     assert (retried.returncode, "2 to solve" in retried.stdout) == (3, True)
 
 
+def test_an_interrupted_sweep_keeps_what_is_solved(folder):
+    command = [sys.executable, "-m", "dealib", "sweep", "sweep.yaml", "-j", "1", "--cache", "cut"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(
+        command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        for line in process.stdout:
+            if line.startswith(b"2/12"):
+                process.send_signal(signal.SIGTERM)
+        said = process.stderr.read().decode()
+    assert process.returncode == 143
+    assert re.search(r"interrupted; [2-4] of 12 cases are solved and kept", said)
+    plan, cache = read(folder / "sweep.yaml"), Cache(folder / "cut")
+    done = [s for s in sweep.statuses(plan, cache, {}) if s.status == "done"]
+    assert len(done) == int(said.split("interrupted; ")[1].split()[0])
+    assert len(sweep.missing([plan], cache)) == 12 - len(done)
+
+
 @pytest.mark.mpi
 def test_sweep_in_ranks(folder):
     done = run_cli(folder, "sweep", "sweep.yaml", "--cache", "ranks", "--out", "r", "--mpi", 3)
@@ -331,3 +349,45 @@ def test_every_figure_has_a_study_that_validates():
         assert plan.study.windows
         assert plan.study.comparison
         assert plan.study.source.endswith(f"Fig. {int(name[3:])}")
+
+
+# what the thesis's physics asks for, whatever the identified parameters
+MUST_HOLD = {
+    "fig04": ["stress at 5 % strain over Hooke's", "stress at 100 % strain over Hooke's"],
+    "fig12": ["error of 80 uniform elements over that of 80 graded ones"],
+    "fig19": ["force at 1 mm, Mooney-Rivlin 1.25 MPa over neo-Hookean 1 MPa"],
+    "fig20": ["force at 3 mm with electrodes of 1.5 MPa over that with 3 MPa"],
+    "fig23": ["displacement at full voltage beyond the pre-deflection"],
+    "fig26": ["stress at the outer quarter over that at the inner quarter"],
+    "fig27": [
+        "stress in the middle of the film at full voltage",
+        "electrode's stress over the film's",
+    ],
+    "fig28": [
+        "field in the middle of the film",
+        "field in the electrodes",
+        "field from top to bottom over its size",
+    ],
+    "fig29": ["plateau on the top electrode", "sum of both electrodes over the plateau"],
+    "fig32": ["force change at half the voltage over that at the full one"],
+    "fig36": [
+        "change of the pre-deflection with each 5 µm",
+        "pre-deflection: Pre-deflection within the axis",
+    ],
+    "fig38": [f"{d}: Capacitance within the axis" for d in ("DEAP75", "DEAP100", "DEAP200")],
+    "fig39": ["plateau on the top electrodes", "largest plateau over the smallest"],
+}
+
+
+@pytest.mark.slow
+def test_physics_of_the_thesis(tmp_path):
+    done = run_cli(tmp_path, "study", THESIS, "--out", "out", timeout=1800)
+    assert done.returncode == 0, done.stderr
+    windows = pd.read_csv(tmp_path / "out" / "windows.csv").set_index(["study", "window"])
+    assert set(windows.index.get_level_values(0)) == {p.stem for p in find(THESIS)}
+    verdicts = {
+        (study, name): windows.loc[(study, name), "verdict"]
+        for study, names in MUST_HOLD.items()
+        for name in names
+    }
+    assert {k for k, v in verdicts.items() if v != "holds"} == set()

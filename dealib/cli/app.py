@@ -218,7 +218,9 @@ def report(
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="YAML file, or a folder of them")]
 StudyOut = Annotated[Path | None, typer.Option(help="folder; default runs/studies/NAME")]
 CacheFolder = Annotated[Path, typer.Option(help="where solved cases are kept, by their physics")]
-Jobs = Annotated[int | None, typer.Option("-j", min=1, help="processes; default all cores")]
+Jobs = Annotated[
+    int | None, typer.Option("-j", "--jobs", min=1, help="processes; default all cores")
+]
 Retry = Annotated[bool, typer.Option("--retry", help="solve again what did not converge")]
 
 
