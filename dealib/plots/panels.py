@@ -13,7 +13,7 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from cycler import cycler
-from matplotlib.patches import Rectangle
+from matplotlib.collections import PolyCollection
 
 from dealib.plots.strips import draw_contour, draw_shapes
 from dealib.study.evaluate import Curve, Results
@@ -134,7 +134,7 @@ def _lines(axis: Any, results: Results, index: int) -> None:
         _line(axis, curve, i, isinstance(panel, Points), len(curves))
     for reference in panel.references:
         _reference(axis, reference)
-    axis.margins(x=0.02, y=0.06)
+    axis.margins(x=0.04, y=0.06)
     _limits(axis, panel.x, panel.y)
     axis.set(xlabel=panel.x.label, ylabel=panel.y.label, title=panel.title)
     named = [c for c in curves if c.label]
@@ -175,7 +175,8 @@ def _limits(axis: Any, x: Axis, y: Axis) -> None:
         )
     axis.set(xlim=shown[0], ylim=shown[1])
     (x0, x1), (y0, y1) = (sorted(g) if g else s for g, s in zip(given, shown, strict=True))
-    window = Rectangle((x0, y0), x1 - x0, y1 - y0, fc=REFERENCE, alpha=0.1, lw=0, zorder=0)
-    edge = Rectangle((x0, y0), x1 - x0, y1 - y0, fc="none", ec=REFERENCE, ls=(0, (2, 2)), lw=0.8)
-    axis.add_patch(window)
-    axis.add_patch(edge)
+    corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+    dashes = (0, (2, 2))
+    window = PolyCollection([corners], fc=(REFERENCE, 0.1), ec=REFERENCE, ls=[dashes], lw=0.8)
+    window.set_zorder(0)
+    axis.add_collection(window, autolim=False)
