@@ -119,8 +119,8 @@ def _solve(
                     summary.update(outcome)
     except _Stop as stop:
         raise Interrupted(
-            f"interrupted; {done} of {len(jobs)} cases are solved and kept, the same command "
-            "goes on with the others",
+            f"interrupted after {done} of {len(jobs)} cases, which are kept; the same command goes "
+            "on with the others",
             stop.signal,
         ) from None
     return failures
