@@ -251,3 +251,48 @@ def materials(
         law, found = command.law_of_config(config, region)
     path = out or Path(f"{law}.png")
     command.plot_law(found, law or "", stretch, path, dark, overwrite)
+
+
+StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="YAML file, or a folder of them")]
+StudyOut = Annotated[Path | None, typer.Option(help="folder; default runs/studies/NAME")]
+CacheFolder = Annotated[Path, typer.Option(help="where solved cases are kept, by their physics")]
+Jobs = Annotated[
+    int | None, typer.Option("-j", "--jobs", min=1, help="processes; default all cores")
+]
+Retry = Annotated[bool, typer.Option("--retry", help="solve again what did not converge")]
+
+
+@app.command()
+def study(
+    study: StudyFile,
+    jobs: Jobs = None,
+    out: StudyOut = None,
+    cache: CacheFolder = Path("runs/studies/cases"),
+    retry: Retry = False,
+) -> None:
+    """Solve what a study lacks, draw its figures, say which windows hold, write a gallery."""
+    from dealib.cli.study import run_study
+
+    run_study(study, out, cache, jobs, retry)
+
+
+@app.command()
+def sweep(
+    study: StudyFile,
+    jobs: Jobs = None,
+    out: StudyOut = None,
+    cache: CacheFolder = Path("runs/studies/cases"),
+    retry: Retry = False,
+    mpi: Annotated[int, typer.Option(min=1, help="MPI ranks instead: one hands out")] = 1,
+) -> None:
+    """Solve all cases of a study, past failing ones, with a growing summary.csv.
+
+    Under mpirun, for several machines, its ranks are the workers.
+    """
+    if mpi > 1:
+        from dealib.cli.mpi import launch
+
+        launch(mpi)
+    from dealib.cli.study import run_sweep
+
+    run_sweep(study, out, cache, jobs, retry)

@@ -1,0 +1,182 @@
+"""Pictures of a study: curves, points, contours and deformed shapes, one panel each.
+
+One SVG serves light and dark pages: text and axes take the colour of the text around it.
+"""
+
+from __future__ import annotations
+
+import io
+from typing import Any
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+from cycler import cycler
+from matplotlib.collections import PolyCollection
+
+from dealib.plots.strips import draw_contour, draw_shapes
+from dealib.study.evaluate import Curve, Results
+from dealib.study.schema import Axis, Contour, Curves, Points, Reference, Shapes
+
+INK, REFERENCE = "#24292f", "#7d8590"
+# after Okabe and Ito, told apart by colour-blind readers, on light and dark paper
+COLOURS = ("#2b83ba", "#d55e00", "#009e73", "#c2649c", "#b8860b", "#7570b3", "#56b4e9", "#8c564b")
+_MARKS = "osD^vP*X"
+_WIDTH, _HEIGHT = 4.6, 3.5  # inches of a panel
+_SETTINGS: dict[Any, Any] = {
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": INK,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "axes.facecolor": "none",
+    "figure.facecolor": "none",
+    "grid.color": "#8b949e",
+    "grid.alpha": 0.25,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.8,
+    "axes.prop_cycle": cycler(color=COLOURS),
+    "axes.titlesize": "medium",
+    "axes.formatter.limits": (-3, 4),
+    "axes.formatter.use_mathtext": True,
+    "lines.linewidth": 1.6,
+    "legend.frameon": False,
+    "legend.fontsize": "small",
+    "font.size": 9.5,
+    "svg.fonttype": "none",  # text stays text
+    "font.family": "sans-serif",
+}
+
+
+def draw(results: Results) -> tuple[str, bytes] | None:
+    """Draw all panels of a study.
+
+    Args:
+        results: The study.
+
+    Returns:
+        The SVG's text (transparent, its ink is `currentColor`) and a PNG on white; None if the
+        study has no panels.
+    """
+    study = results.study
+    if not study.panels:
+        return None
+    with plt.rc_context({**_SETTINGS, "svg.hashsalt": study.name}):
+        figure = plt.figure(layout="constrained", figsize=(1, 1))
+        try:
+            _fill(figure, results)
+            text, picture = io.StringIO(), io.BytesIO()
+            figure.savefig(text, format="svg", dpi=180, metadata={"Date": None, "Creator": None})
+            figure.savefig(picture, format="png", dpi=150, facecolor="white")
+        finally:
+            plt.close(figure)
+    svg = text.getvalue()
+    svg = svg[svg.index("<svg") :].replace(INK, "currentColor")
+    return svg, picture.getvalue()
+
+
+def _fill(figure: Any, results: Results) -> None:
+    rows: list[list[int]] = []
+    wide = (Contour, Shapes)
+    for i, panel in enumerate(results.study.panels):
+        last = rows[-1] if rows else None
+        fits = last and not isinstance(results.study.panels[last[0]], wide)
+        if fits and not isinstance(panel, wide) and len(last or []) < results.study.columns:
+            rows[-1].append(i)
+        else:
+            rows.append([i])
+    heights = [
+        {Contour: 3.9, Shapes: 3.6}.get(type(results.study.panels[row[0]]), _HEIGHT) for row in rows
+    ]
+    most = max(len(row) for row in rows)
+    any_wide = any(isinstance(p, wide) for p in results.study.panels)
+    width = most * (_WIDTH if most < 3 else 0.8 * _WIDTH)
+    width = max(width, 1.9 * _WIDTH if any_wide else 1.35 * _WIDTH)
+    figure.set_size_inches(width, sum(heights))
+    parts = figure.subfigures(len(rows), 1, height_ratios=heights, squeeze=False)[:, 0]
+    for part, row in zip(parts, rows, strict=True):
+        part.set_facecolor("none")
+        if isinstance(results.study.panels[row[0]], wide):
+            _fields(part, results, row[0])
+            continue
+        axes = part.subplots(1, len(row), squeeze=False)[0]
+        for axis, i in zip(axes, row, strict=True):
+            _lines(axis, results, i)
+
+
+def _fields(part: Any, results: Results, index: int) -> None:
+    panel = results.study.panels[index]
+    outcome = results.chosen(index)
+    title = panel.title or results.study.title
+    if outcome is None:
+        part.text(0.5, 0.5, f"{title}: the case has not converged", ha="center")
+        return
+    try:
+        if isinstance(panel, Contour):
+            draw_contour(part, outcome, panel)
+        else:
+            assert isinstance(panel, Shapes)
+            draw_shapes(part, outcome, panel, COLOURS)
+    except ValueError as error:
+        raise results.plan.fault(("panels", index), str(error)) from None
+    part.suptitle(title, fontsize="medium")
+
+
+def _lines(axis: Any, results: Results, index: int) -> None:
+    panel = results.study.panels[index]
+    assert isinstance(panel, (Curves, Points))
+    curves = results.curves(index)
+    for i, curve in enumerate(curves):
+        _line(axis, curve, i, isinstance(panel, Points), len(curves))
+    for reference in panel.references:
+        _reference(axis, reference)
+    axis.margins(x=0.04, y=0.06)
+    _limits(axis, panel.x, panel.y)
+    axis.set(xlabel=panel.x.label, ylabel=panel.y.label, title=panel.title)
+    named = [c for c in curves if c.label]
+    if len(named) + len(panel.references) > 1 or panel.references:
+        axis.legend(loc="best")
+
+
+def _line(axis: Any, curve: Curve, index: int, points: bool, count: int) -> None:
+    style: dict[str, Any] = {"color": COLOURS[index % len(COLOURS)], "label": curve.label or None}
+    if points:
+        style |= {"marker": _MARKS[index % len(_MARKS)], "ms": 5}
+    elif count > 3 and index >= (count + 1) // 2:
+        style["ls"] = "--"
+    axis.plot(curve.x, curve.y, **style)
+
+
+def _reference(axis: Any, reference: Reference) -> None:
+    style = {"ls": ":", "lw": 1.8} if reference.style == "line" else {"ls": "", "marker": "x"}
+    axis.plot(reference.x, reference.y, color=REFERENCE, label=reference.label, **style)
+
+
+def _limits(axis: Any, x: Axis, y: Axis) -> None:
+    """Show the reference's axes as a shaded window, and everything that leaves it."""
+    given = [x.limits, y.limits]
+    if given == [None, None]:
+        return
+    auto = [axis.get_xlim(), axis.get_ylim()]
+    shown = []
+    for limits, data in zip(given, auto, strict=True):
+        if limits is None:
+            shown.append(data)
+            continue
+        low, high = sorted(limits)
+        room = 0.04 * (high - low)
+        outside_low, outside_high = data[0] < low - 1.6 * room, data[1] > high + 1.6 * room
+        shown.append(
+            (data[0] if outside_low else low - room, data[1] if outside_high else high + room)
+        )
+    axis.set(xlim=shown[0], ylim=shown[1])
+    (x0, x1), (y0, y1) = (sorted(g) if g else s for g, s in zip(given, shown, strict=True))
+    corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+    dashes = (0, (2, 2))
+    window = PolyCollection([corners], fc=(REFERENCE, 0.1), ec=REFERENCE, ls=[dashes], lw=0.8)
+    window.set_zorder(0)
+    axis.add_collection(window, autolim=False)

@@ -1,0 +1,1 @@
+"""Studies: variations of configs, solved in parallel, collected, drawn and compared."""

@@ -1,0 +1,293 @@
+"""The table of all cases, the windows that hold, and the sentence of comparison."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dealib.config.schema import Config
+from dealib.config.source import did_you_mean
+from dealib.errors import ConfigError
+from dealib.results.elements import Array
+from dealib.results.reader import Run
+from dealib.study.cache import DONE, FAILED, Cache
+from dealib.study.expressions import OF_ALL_CASES, Expression
+from dealib.study.outcome import Outcome
+from dealib.study.plan import Plan, Planned, fill
+from dealib.study.schema import INSERT, Axis, Curves, Points, Where, Window
+from dealib.study.sweep import CaseStatus
+
+if TYPE_CHECKING:
+    import pandas
+
+_ROUNDING = 1e-6  # of a window's width: a curve that ends on the edge is inside
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A window against what was computed.
+
+    Attributes:
+        window: The window.
+        smallest: Smallest value.
+        largest: Largest value.
+    """
+
+    window: Window
+    smallest: float
+    largest: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether all values exist and lie in the window."""
+        low = -np.inf if self.window.low is None else self.window.low
+        high = np.inf if self.window.high is None else self.window.high
+        width = high - low if np.isfinite(high - low) else max(abs(self.largest), 1e-300)
+        slack = _ROUNDING * width
+        return bool(self.smallest >= low - slack and self.largest <= high + slack)
+
+    @property
+    def value(self) -> str:
+        """The value, or the range of the values, in words."""
+        if np.isnan(self.smallest):
+            return "no value"
+        unit = f" {self.window.unit}" if self.window.unit else ""
+        scale = max(abs(self.smallest), abs(self.largest))
+        low, high = (
+            f"{0.0 if abs(v) < 1e-9 * scale else v:.4g}" for v in (self.smallest, self.largest)
+        )
+        return (low if low == high else f"{low} .. {high}") + unit
+
+    @property
+    def range(self) -> str:
+        """The window in words."""
+        w = self.window
+        unit = f" {w.unit}" if w.unit else ""
+        if w.low is None:
+            return f"at most {w.high:.4g}{unit}"
+        if w.high is None:
+            return f"at least {w.low:.4g}{unit}"
+        return f"{w.low:.4g}{unit}" if w.low == w.high else f"{w.low:.4g} .. {w.high:.4g}{unit}"
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A labelled curve.
+
+    Attributes:
+        label: For the legend.
+        x: Abscissae.
+        y: Ordinates.
+    """
+
+    label: str
+    x: Array
+    y: Array
+
+
+class Results:
+    """A study with the results of its cases.
+
+    Args:
+        plan: The study.
+        cache: Where the solved cases are.
+        statuses: Where each case stands.
+
+    Raises:
+        ConfigError: If an expression asks for what the results do not have.
+    """
+
+    def __init__(self, plan: Plan, cache: Cache, statuses: Sequence[CaseStatus]) -> None:
+        self.plan, self.study, self.statuses = plan, plan.study, tuple(statuses)
+        self.cache = cache
+        self.outcomes: dict[str, Outcome] = {}
+        for s in statuses:
+            if not isinstance(s.case.work, Config):
+                self.outcomes[s.case.label] = Outcome(s.case, None)
+            elif s.status in (DONE, FAILED) and (cache.directory(s.case.key)).is_dir():
+                self.outcomes[s.case.label] = Outcome(s.case, Run(cache.directory(s.case.key)))
+        self.values = {name: self._quantity(name) for name in self.study.quantities}
+
+    def _quantity(self, name: str) -> Array:
+        """One number a case; NaN where the case has not come to its end."""
+        values = np.full(len(self.statuses), np.nan)
+        for i, s in enumerate(self.statuses):
+            if s.status != DONE:
+                continue
+            try:
+                outcome = self.outcomes[s.case.label]
+                found = np.asarray(outcome.evaluate(self.study.quantities[name]), float)
+                if found.size != 1:
+                    raise ValueError(f"this gives {found.size} numbers, not one")
+            except (ValueError, ConfigError) as error:
+                raise self.plan.fault(("quantities", name), str(error)) from None
+            values[i] = found.reshape(())
+        return values
+
+    # --- the table -------------------------------------------------------------------------------
+
+    @property
+    def table(self) -> pandas.DataFrame:
+        """One row a case: axes, status, quantities, directory."""
+        import pandas as pd
+
+        rows = []
+        for i, s in enumerate(self.statuses):
+            is_run = isinstance(s.case.work, Config)
+            row: dict[str, Any] = {"study": self.study.name, "case": s.case.label, **s.case.axes}
+            row |= {"status": s.status, **{n: v[i] for n, v in self.values.items()}}
+            row |= {"run": self.cache.directory(s.case.key) if is_run else "", "error": s.error}
+            rows.append(row)
+        return pd.DataFrame(rows)
+
+    def where(self, where: Where) -> list[int]:
+        """Indices of the cases that a selection means."""
+        return [i for i, s in enumerate(self.statuses) if _selected(s.case, where)]
+
+    def over(self, text: str, rows: Sequence[int]) -> Any:
+        """Value of an expression over the quantities of some cases.
+
+        Raises:
+            ValueError: If a case does not exist.
+        """
+        chosen = {name: values[list(rows)] for name, values in self.values.items()}
+        labels = [self.statuses[i].case.label for i in rows]
+
+        def of(values: Array, label: str) -> float:
+            if label not in labels:
+                raise ValueError(f"no case {label!r}{did_you_mean(label, labels)}")
+            return float(values[labels.index(label)])
+
+        return Expression(text, OF_ALL_CASES)(chosen, {"of": of})
+
+    @property
+    def windows(self) -> list[Verdict]:
+        """All windows: those of the study, and the axes of its curves."""
+        found = []
+        for i, window in enumerate(self.study.windows):
+            try:
+                values = np.atleast_1d(self.over(window.value, self.where(window.where)))
+            except ValueError as error:
+                raise self.plan.fault(("windows", i, "value"), str(error)) from None
+            found.append(_verdict(window, values.astype(float)))
+        for i, panel in enumerate(self.study.panels):
+            if isinstance(panel, (Curves, Points)) and panel.y.limits is not None:
+                window = _axis_window(panel.title, panel.y, self.study.source)
+                inside = [_between(c.x, c.y, panel.x.limits) for c in self.curves(i)]
+                found.append(_verdict(window, np.concatenate([np.empty(0), *inside])))
+        return found
+
+    # --- curves ----------------------------------------------------------------------------------
+
+    def curves(self, index: int) -> list[Curve]:
+        """The curves of a panel.
+
+        Raises:
+            ConfigError: If an expression fails.
+        """
+        panel = self.study.panels[index]
+        rows = self.where(panel.where)
+        try:
+            if isinstance(panel, Points):
+                return self._points(panel, rows)
+            assert isinstance(panel, Curves)
+            return [c for row in rows if (c := self._curve(panel, row)) is not None]
+        except ValueError as error:
+            raise self.plan.fault(("panels", index), str(error)) from None
+
+    def _curve(self, panel: Curves, row: int) -> Curve | None:
+        status = self.statuses[row]
+        outcome = self.outcomes.get(status.case.label)
+        if outcome is None:
+            return None
+        try:
+            x, y = (np.atleast_1d(outcome.evaluate(a.value)) for a in (panel.x, panel.y))
+        except (ValueError, ConfigError):
+            if status.status == DONE:
+                raise
+            return None
+        if x.shape != y.shape:
+            raise ValueError(f"x has {x.size} values, y has {y.size}")
+        label = fill(panel.label, status.case.axes) if panel.label else status.case.label
+        return Curve(label, x, y)
+
+    def _points(self, panel: Points, rows: list[int]) -> list[Curve]:
+        groups: dict[str, list[int]] = {}
+        for row in rows:
+            axes = self.statuses[row].case.axes
+            groups.setdefault(axes[panel.group] if panel.group else "", []).append(row)
+        return [
+            Curve(
+                label,
+                np.atleast_1d(self.over(panel.x.value, rows)),
+                np.atleast_1d(self.over(panel.y.value, rows)),
+            )
+            for label, rows in groups.items()
+        ]
+
+    def chosen(self, index: int) -> Outcome | None:
+        """The one case of a panel that shows fields; None if it has failed.
+
+        Raises:
+            ConfigError: If `where` does not mean one case.
+        """
+        rows = self.where(self.study.panels[index].where)
+        if len(rows) != 1:
+            raise self.plan.fault(
+                ("panels", index), f"'where' must choose one case, not {len(rows)}"
+            )
+        status = self.statuses[rows[0]]
+        return self.outcomes[status.case.label] if status.status == DONE else None
+
+    # --- words -----------------------------------------------------------------------------------
+
+    @property
+    def comparison(self) -> str:
+        """The sentence, with its numbers."""
+        everything = range(len(self.statuses))
+
+        def insert(match: Any) -> str:
+            try:
+                value = float(np.asarray(self.over(match[1], everything)))
+                return format(value, match[2] or ".4g")
+            except (ValueError, TypeError) as error:
+                raise self.plan.fault(("comparison",), f"{match[0]}: {error}") from None
+
+        return INSERT.sub(insert, self.study.comparison)
+
+
+def _selected(case: Planned, where: Mapping[str, str | tuple[str, ...]]) -> bool:
+    return all(
+        case.axes[axis] in ((labels,) if isinstance(labels, str) else labels)
+        for axis, labels in where.items()
+    )
+
+
+def _verdict(window: Window, values: Array) -> Verdict:
+    if values.size == 0 or np.isnan(values).any():
+        return Verdict(window, np.nan, np.nan)
+    return Verdict(window, float(values.min()), float(values.max()))
+
+
+def _between(x: Array, y: Array, limits: tuple[float, float] | None) -> Array:
+    if limits is None:
+        return y
+    low, high = sorted(limits)
+    return np.asarray(y[(x >= low) & (x <= high)])
+
+
+def _axis_window(title: str, axis: Axis, source: str) -> Window:
+    assert axis.limits is not None
+    low, high = sorted(axis.limits)
+    label, _, unit = axis.label.partition("(")
+    return Window(
+        name=f"{title}: {label.strip()} within the axis".lstrip(": "),
+        value="0",
+        low=low,
+        high=high,
+        unit=unit.rstrip(")"),
+        source=f"axis of {source}" if source else "axis",
+    )

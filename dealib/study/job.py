@@ -1,0 +1,128 @@
+"""What a worker does: one case into its run directory, whatever happens on the way."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+Report = Callable[[int, int], None]  # step, steps planned
+
+
+@dataclass(frozen=True)
+class Job:
+    """A case to solve.
+
+    Attributes:
+        label: For messages.
+        key: Of its physics.
+        kind: Of its compiled forms.
+        base: The config's file.
+        overrides: 'key=value' changes of it.
+        directory: Run directory.
+        log: File for all that is printed.
+    """
+
+    label: str
+    key: str
+    kind: str
+    base: Path
+    overrides: tuple[str, ...]
+    directory: Path
+    log: Path
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a job ended.
+
+    Attributes:
+        job: The job.
+        status: 'done', 'not converged', 'failed' or 'crashed'.
+        error: What went wrong, in one message.
+        seconds: Wall time.
+    """
+
+    job: Job
+    status: str
+    error: str = ""
+    seconds: float = 0.0
+
+
+def run(job: Job, report: Report | None = None) -> Outcome:
+    """Solve a case; never raises, except for what is to stop the worker."""
+    begin = time.perf_counter()
+    with _printed_to(job.log):
+        try:
+            _solve(job, report)
+            status, error = "done", ""
+        except Exception as problem:
+            from dealib.errors import DealibError
+
+            if isinstance(problem, DealibError):
+                status = "not converged" if problem.exit_code == 3 else "failed"
+                error = str(problem)
+            else:
+                status, error = "failed", f"{type(problem).__name__}: {problem}"
+                traceback.print_exc()
+    if job.log.stat().st_size == 0:
+        job.log.unlink()
+    return Outcome(job, status, error, time.perf_counter() - begin)
+
+
+def _solve(job: Job, report: Report | None) -> None:
+    from mpi4py import MPI
+
+    from dealib.cli.progress import LogFile
+    from dealib.config import load
+    from dealib.program import Observer, simulate
+
+    case = load(job.base, job.overrides)
+    observers: list[Observer] = [LogFile(job.directory)]
+    if report is not None:
+        observers.append(_Reporter(report))
+    simulate(case, job.directory, overwrite=True, observers=observers, comm=MPI.COMM_SELF)
+
+
+class _Reporter:
+    """An observer that tells how far the case is."""
+
+    def __init__(self, report: Report) -> None:
+        self._report, self._total = report, 0
+
+    def start(self, simulation: Any) -> None:
+        """See `Observer`."""
+        self._total = simulation.steps_planned
+
+    def see(self, state: Any) -> None:
+        """See `Observer`."""
+        self._report(state.row["step"], self._total)
+
+    def stop(self, error: BaseException | None) -> None:
+        """See `Observer`."""
+
+
+@contextmanager
+def _printed_to(path: Path) -> Iterator[None]:
+    """Send what the process and its libraries print to a file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    sys.stdout.flush()
+    sys.stderr.flush()
+    kept = [os.dup(1), os.dup(2)]
+    with path.open("w", encoding="utf-8") as file:
+        try:
+            for descriptor in (1, 2):
+                os.dup2(file.fileno(), descriptor)
+            yield
+        finally:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            for descriptor, old in zip((1, 2), kept, strict=True):
+                os.dup2(old, descriptor)
+                os.close(old)

@@ -1,0 +1,172 @@
+"""What a solved case offers to expressions: its history, its config and its fields."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dealib.config.schema import Config
+from dealib.config.source import did_you_mean
+from dealib.materials.response import response
+from dealib.results.elements import Array
+from dealib.results.mesh import Ints
+from dealib.results.reader import Run
+from dealib.study import sample
+from dealib.study.expressions import OF_A_CASE, Expression, Function
+from dealib.study.plan import Planned
+from dealib.study.schema import MaterialTest
+
+if TYPE_CHECKING:
+    import pandas
+
+
+class Outcome:
+    """A case with its results.
+
+    Args:
+        case: The case.
+        run: Its run; None for a test of a material.
+    """
+
+    def __init__(self, case: Planned, run: Run | None) -> None:
+        self.case, self.run = case, run
+        self._arrays: dict[str, dict[str, Array]] = {}
+        self._strips: dict[str, sample.Strip] = {}
+
+    @cached_property
+    def history(self) -> pandas.DataFrame:
+        """The history of the run, or of the material's test."""
+        if self.run is not None:
+            return self.run.history
+        import pandas as pd
+
+        test = self.case.work
+        assert isinstance(test, MaterialTest)
+        stretch = np.linspace(*test.stretch, test.points)
+        stress = response(test.material, test.mode, stretch)[0]
+        columns = {"stretch": stretch, "strain": stretch - 1, "stress_MPa": stress}
+        return pd.DataFrame({"stage": test.mode, **columns})
+
+    def evaluate(self, text: str) -> Any:
+        """Value of an expression in the scope of this case.
+
+        Raises:
+            ValueError: If a name, a stage or a field does not exist here.
+        """
+        return Expression(text, OF_A_CASE)(self._names, self._functions)
+
+    @cached_property
+    def _names(self) -> Mapping[str, Array]:
+        h = self.history
+        return {str(c): h[c].to_numpy(float) for c in h.columns if c != "stage"}
+
+    @cached_property
+    def _functions(self) -> Mapping[str, Function]:
+        return {
+            "end": lambda x, stage: x[self._rows(stage)[-1]],
+            "start": lambda x, stage: x[self._from(stage)],
+            "during": lambda x, stage: x[self._from(stage) : self._rows(stage)[-1] + 1],
+            "at": _at,
+            "setting": self._setting,
+            "timing": self._timing,
+            "field": lambda name, region, s, t, stage: sample.at(
+                self.strip(region), self.arrays(stage), name, float(s), float(t)
+            ),
+            "across": lambda name, region, s, stage: sample.across(
+                self.strip(region), self.arrays(stage), name, float(s)
+            ),
+            "along": lambda name, region, t, stage: sample.along(
+                self.strip(region), self.arrays(stage), name, float(t)
+            ),
+        }
+
+    def _rows(self, stage: str) -> Ints:
+        """Rows of the history that a stage has written."""
+        stages = self.history["stage"].to_numpy()
+        rows = np.flatnonzero(stages == stage)
+        if len(rows) == 0:
+            known = list(dict.fromkeys(map(str, stages)))
+            raise ValueError(f"no stage {stage!r} in the results{did_you_mean(stage, known)}")
+        return rows
+
+    def _from(self, stage: str) -> int:
+        """Row in which a stage begins: the last one of the stage before."""
+        return max(int(self._rows(stage)[0]) - 1, 0)
+
+    def _setting(self, path: str) -> float:
+        """A number of the config, in internal units."""
+        node: Any = self.case.work
+        for part in path.split("."):
+            try:
+                node = node[int(part)] if part.isdigit() else getattr(node, part)
+            except (AttributeError, IndexError, TypeError):
+                raise ValueError(f"the config has no {path!r}") from None
+        if isinstance(node, tuple) and len(node) == 1:
+            node = node[0]
+        if isinstance(node, bool) or not isinstance(node, (int, float)):
+            raise ValueError(f"{path!r} is no number")
+        return float(node)
+
+    def _timing(self, name: str) -> float:
+        timings = {} if self.run is None else self.run.info.get("timings", {})
+        if name not in timings:
+            raise ValueError(f"no timing {name!r}{did_you_mean(name, timings)}")
+        return float(timings[name])
+
+    def arrays(self, stage: str) -> dict[str, Array]:
+        """All nodal fields at the end of a stage.
+
+        Raises:
+            ValueError: If they are not stored.
+        """
+        if self.run is None:
+            raise ValueError("a test of a material has no fields")
+        if stage not in self._arrays:
+            step = int(self.history["step"].iloc[self._rows(stage)[-1]])
+            steps = self.run.stored_steps
+            if step not in steps:
+                raise ValueError(f"the fields at the end of stage {stage!r} are not stored")
+            self._arrays[stage] = self.run.arrays(steps.index(step))
+        return self._arrays[stage]
+
+    def nearest(self, time: float) -> tuple[pandas.Series, dict[str, Array]]:
+        """Row of the history, and all nodal fields, of the stored state nearest to a time.
+
+        Raises:
+            ValueError: If nothing is stored.
+        """
+        steps = [] if self.run is None else self.run.stored_steps
+        stored = self.history[self.history["step"].isin(steps)] if steps else None
+        if self.run is None or stored is None:
+            raise ValueError("no fields are stored")
+        row = stored.iloc[int((stored["time_s"] - time).abs().to_numpy().argmin())]
+        return row, self.run.arrays(steps.index(int(row["step"])))
+
+    def strip(self, region: str) -> sample.Strip:
+        """A region of the mesh."""
+        if self.run is None:
+            raise ValueError("a test of a material has no regions")
+        if region not in self._strips:
+            self._strips[region] = sample.Strip(self.run.mesh, region)
+        return self._strips[region]
+
+    @property
+    def config(self) -> Config:
+        """The config of the run."""
+        assert isinstance(self.case.work, Config)
+        return self.case.work
+
+
+def _at(x: Array, y: Array, value: float) -> float:
+    """X where y first reaches a value, linear between the rows; NaN where it never does."""
+    gap = np.asarray(y, float) - value
+    if np.isclose(gap[0], 0):
+        return float(x[0])
+    crossed = np.flatnonzero(np.sign(gap[1:]) != np.sign(gap[0]))
+    if len(crossed) == 0:
+        return float("nan")
+    i = int(crossed[0])
+    return float(x[i] + (x[i + 1] - x[i]) * gap[i] / (gap[i] - gap[i + 1]))

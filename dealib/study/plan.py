@@ -1,0 +1,239 @@
+"""From a study's file to its cases, each with a validated config and a key of its physics."""
+
+from __future__ import annotations
+
+import copy
+import functools
+import hashlib
+import itertools
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+import dealib
+from dealib.config import load
+from dealib.config.messages import problem, validate
+from dealib.config.schema import Config
+from dealib.config.source import Source
+from dealib.errors import ConfigError
+from dealib.study.schema import MaterialTest, Study
+
+# what results depend on, besides the config
+_PHYSICS = ("config", "fem", "geometry", "materials", "program", "units.py")
+
+
+@dataclass(frozen=True)
+class Planned:
+    """One case of a study.
+
+    Attributes:
+        label: Unique within the study.
+        axes: Label of each axis of `vary`.
+        work: What is computed: a config, or a test of a material.
+        base: The config's file.
+        overrides: 'key=value' changes of it.
+        key: Hash of all that its results depend on.
+        kind: Hash of what the compiled forms depend on.
+    """
+
+    label: str
+    axes: Mapping[str, str]
+    work: Config | MaterialTest
+    base: Path
+    overrides: tuple[str, ...] = ()
+    key: str = ""
+    kind: str = ""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A study and its cases."""
+
+    study: Study
+    path: Path
+    cases: tuple[Planned, ...]
+    source: Source
+
+    def fault(self, where: tuple[str | int, ...], problem: str) -> ConfigError:
+        """An error that points at a place of the study's file."""
+        return ConfigError(self.source.message(where, problem))
+
+
+def read(path: Path) -> Plan:
+    """Read a study and validate all its cases.
+
+    Raises:
+        ConfigError: With one message a mistake, each with its place in a file.
+    """
+    source = Source(path)
+    study = validate(Study, source)
+    cases: list[Planned] = []
+    for axes, changes in _grid(study):
+        label = _label(study, axes)
+        try:
+            cases.append(_case(study, path, label, axes, changes))
+        except ConfigError as error:
+            raise ConfigError(f"{path}: case {label!r}: {error}") from None
+    labels = [c.label for c in cases]
+    twice = {x for x in labels if labels.count(x) > 1}
+    if twice:
+        raise ConfigError(
+            source.message(("label",), f"several cases are named {sorted(twice)[0]!r}")
+        )
+    return Plan(study, path, tuple(cases), source)
+
+
+def find(path: Path) -> list[Path]:
+    """The study files that a path means: itself, or all in a folder.
+
+    Raises:
+        ConfigError: If there are none.
+    """
+    if not path.is_dir():
+        return [path]
+    found = sorted(p for p in path.glob("*.yaml"))
+    if not found:
+        raise ConfigError(f"{path}: no study here (a study is a *.yaml file)")
+    return found
+
+
+# --- variations ----------------------------------------------------------------------------------
+
+
+def _grid(study: Study) -> Iterator[tuple[dict[str, str], dict[str, Any]]]:
+    """All combinations of the axes: their labels, and the changes they make."""
+    axes = [[(name, *point) for point in _points(axis)] for name, axis in study.vary.items()]
+    for combination in itertools.product(*axes):
+        changes: dict[str, Any] = {}
+        for _, _, change in combination:
+            changes |= change
+        yield {name: label for name, label, _ in combination}, changes
+
+
+def _points(axis: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
+    if all(isinstance(v, dict) for v in axis.values()):
+        return list(axis.items())
+    rows = [dict(zip(axis, row, strict=True)) for row in zip(*axis.values(), strict=True)]
+    first = next(iter(axis))
+    return [(str(row[first]), row) for row in rows]
+
+
+def _label(study: Study, axes: Mapping[str, str]) -> str:
+    return fill(study.label or ", ".join(f"{{{name}}}" for name in axes) or study.name, axes)
+
+
+def fill(template: str, axes: Mapping[str, str]) -> str:
+    """A template such as '{law}, {modulus}' with the labels of a case."""
+    return re.sub(r"\{(\w+)\}", lambda m: axes.get(m[1], m[0]), template)
+
+
+def _case(
+    study: Study, path: Path, label: str, axes: dict[str, str], changes: dict[str, Any]
+) -> Planned:
+    changes = {**study.set, **changes}
+    if study.material_test is not None:
+        return _material_test(study.material_test, path, label, axes, changes)
+    base = path.parent / str(changes.pop("base", study.base))
+    if study.program is not None:
+        changes = {"program": study.program, **changes}
+    overrides = tuple(
+        f"{k}={v if isinstance(v, str) else json.dumps(v)}"
+        for k, v in _merged({"output.fields": "stage", **changes}).items()
+    )
+    config = load(base, overrides).config
+    tree = config.model_dump(exclude={"name", "description", "output"})
+    key = _hash([tree, config.output.fields, _mesh_bytes(config), _code()])
+    return Planned(label, axes, config, base, overrides, key, _hash(_forms(tree)))
+
+
+def _material_test(
+    given: dict[str, Any], path: Path, label: str, axes: dict[str, str], changes: dict[str, Any]
+) -> Planned:
+    tree = copy.deepcopy(given)
+    for dotted, value in changes.items():
+        _into(tree, dotted.split("."), value, dotted)
+    try:
+        work = MaterialTest.model_validate(tree)
+    except ValidationError as error:
+        said = [f"{'.'.join(map(str, i['loc']))}: {problem(i)}" for i in error.errors()]
+        raise ConfigError("\n".join(f"material_test.{s}" for s in said)) from None
+    return Planned(label, axes, work, path)
+
+
+def _merged(changes: dict[str, Any]) -> dict[str, Any]:
+    """Changes without those that lie within an earlier one, such as program.1.steps in program."""
+    out: dict[str, Any] = {}
+    for dotted, value in changes.items():
+        parts = dotted.split(".")
+        above = [".".join(parts[:n]) for n in range(1, len(parts))]
+        whole = next((a for a in above if isinstance(out.get(a), (dict, list))), None)
+        if whole is None:
+            out[dotted] = copy.deepcopy(value)
+        else:
+            _into(out[whole], parts[whole.count(".") + 1 :], value, dotted)
+    return out
+
+
+def _into(node: Any, parts: list[str], value: Any, dotted: str) -> None:
+    """Set a value deep in a tree of mappings and lists."""
+    *parents, last = (int(p) if p.isdigit() else p for p in parts)
+    try:
+        for part in parents:
+            node = node.setdefault(part, {}) if isinstance(node, dict) else node[part]
+        node[last] = value
+    except (KeyError, IndexError, TypeError, AttributeError):
+        raise ConfigError(f"{dotted}: there is no such place") from None
+
+
+# --- keys ----------------------------------------------------------------------------------------
+
+
+def _hash(value: Any) -> str:
+    text = json.dumps(value, sort_keys=True, default=str)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@functools.cache
+def _code() -> str:
+    """Version of dealib, and hash of those of its modules that results depend on."""
+    root = Path(dealib.__file__).parent
+    digest = hashlib.sha256()
+    for part in _PHYSICS:
+        target = root / part
+        for file in [target] if target.is_file() else sorted(target.rglob("*.py")):
+            digest.update(file.read_bytes())
+    return digest.hexdigest()
+
+
+def _mesh_bytes(config: Config) -> str | None:
+    if config.mesh.file is None:
+        return None
+    return hashlib.sha256(Path(config.mesh.file).read_bytes()).hexdigest()
+
+
+def _forms(tree: dict[str, Any]) -> Any:
+    """What decides which forms are compiled: all words, and which numbers are zero.
+
+    It may tell apart what shares its forms, never the reverse.
+    """
+
+    def shape(node: Any) -> Any:
+        if isinstance(node, dict):
+            return {k: shape(v) for k, v in node.items()}
+        if isinstance(node, (list, tuple)):
+            return [shape(v) for v in node]
+        if isinstance(node, float) or _QUANTITY.fullmatch(str(node)):
+            return float(str(node).split()[0]) == 0
+        return node
+
+    parts = {k: v for k, v in tree.items() if k not in ("program", "solver")}
+    mesh = {k: v for k, v in tree["mesh"].items() if k in ("order", "file")}
+    return shape({**parts, "mesh": mesh})
+
+
+_QUANTITY = re.compile(r"[-+]?[\d.]+(e[-+]?\d+)? \S+")

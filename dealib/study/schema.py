@@ -1,0 +1,226 @@
+"""A study: base config and variations, what to collect, what to draw, what to compare with."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from dealib.config.schema import ElectrodeMaterial, Section
+from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression
+from dealib.units import Length, Time
+
+Limits = tuple[float, float]
+Where = dict[str, str | tuple[str, ...]]
+_WHERE = "only cases with these labels on an axis of `vary`"
+
+
+def _per_case(text: str) -> str:
+    Expression(text, OF_A_CASE)
+    return text
+
+
+def _over_cases(text: str) -> str:
+    Expression(text, OF_ALL_CASES)
+    return text
+
+
+class MaterialTest(Section):
+    """A test of a material alone, instead of a run: columns `stretch`, `strain`, `stress_MPa`."""
+
+    material: ElectrodeMaterial
+    mode: Literal["uniaxial", "equal-biaxial", "pure shear"] = "uniaxial"
+    stretch: Limits = Field((1.0, 2.0), description="first and last")
+    points: int = Field(61, ge=2, description="equal steps from first to last")
+
+
+class Axis(Section):
+    """One axis of a picture."""
+
+    value: str = Field(description="expression")
+    label: str = Field(min_length=1, description="with its unit")
+    limits: Limits | None = Field(None, description="range of the reference's axis")
+
+
+class Reference(Section):
+    """Points or a line to compare with."""
+
+    label: str
+    x: tuple[float, ...] = Field(min_length=1)
+    y: tuple[float, ...] = Field(min_length=1)
+    style: Literal["line", "points"] = "points"
+
+    @model_validator(mode="after")
+    def _pairs(self) -> Reference:
+        if len(self.x) != len(self.y):
+            raise ValueError(f"x has {len(self.x)} values, y has {len(self.y)}")
+        return self
+
+
+class _Panel(Section):
+    title: str = ""
+    where: Where = Field({}, description=_WHERE)
+
+
+class Curves(_Panel):
+    """One curve a case: x and y are expressions over its history and fields."""
+
+    kind: Literal["curves"]
+    x: Axis
+    y: Axis
+    label: str | None = Field(None, description="of a curve, such as '{law}'; default the case's")
+    references: tuple[Reference, ...] = ()
+
+    @field_validator("x", "y")
+    @classmethod
+    def _expressions(cls, axis: Axis) -> Axis:
+        _per_case(axis.value)
+        return axis
+
+
+class Points(_Panel):
+    """One point a case: x and y are expressions over the quantities."""
+
+    kind: Literal["points"]
+    x: Axis
+    y: Axis
+    group: str | None = Field(None, description="axis of `vary`: one curve for each of its labels")
+    references: tuple[Reference, ...] = ()
+
+    @field_validator("x", "y")
+    @classmethod
+    def _expressions(cls, axis: Axis) -> Axis:
+        _over_cases(axis.value)
+        return axis
+
+
+class Contour(_Panel):
+    """A field on the strips of one case: straightened, and true to scale at both ends."""
+
+    kind: Literal["contour"]
+    field: str = Field(description="such as S_RR, S_ZZ, E, phi")
+    label: str = Field(min_length=1, description="of the colours, with its unit")
+    stage: str = Field(description="at the end of this stage")
+    factor: float = Field(1.0, description="from the internal unit to the label's")
+    limits: Limits | None = Field(None, description="of the colours; default all but 1 % outliers")
+    zoom: Length = Field(0.25, gt=0, description="length shown at each end")
+
+
+class Shapes(_Panel):
+    """Deformed strips of one case at several times, true to scale."""
+
+    kind: Literal["shapes"]
+    times: tuple[Time, ...] = Field(min_length=1, description="the nearest stored states are shown")
+
+
+Panel = Annotated[Curves | Points | Contour | Shapes, Field(discriminator="kind")]
+
+
+class Window(Section):
+    """A range in which a number is said, or expected, to lie."""
+
+    name: str = Field(min_length=1, description="what is compared")
+    value: str = Field(description="expression over the quantities of all cases")
+    low: float | None = None
+    high: float | None = None
+    unit: str = ""
+    source: str = Field("", description="who says so")
+    where: Where = Field({}, description=_WHERE)
+
+    @model_validator(mode="after")
+    def _bounded(self) -> Window:
+        _over_cases(self.value)
+        if self.low is None and self.high is None:
+            raise ValueError("give low, high or both")
+        if self.low is not None and self.high is not None and self.low > self.high:
+            raise ValueError(f"low ({self.low:g}) must not exceed high ({self.high:g})")
+        return self
+
+
+class Study(Section):
+    """Cases, quantities, pictures and windows."""
+
+    name: str = Field(pattern=r"^[\w.+-]+$", description="short name of the files")
+    title: str = Field(min_length=1, description="heading in the gallery")
+    source: str = Field("", description="what it is compared with")
+    base: str | None = Field(None, description="config that is varied, beside this file")
+    material_test: dict[str, Any] | None = Field(
+        None, description="a test of a material instead of a config; see MaterialTest"
+    )
+    set: dict[str, Any] = Field({}, description="dotted keys of the base that all cases change")
+    program: list[Any] | None = Field(None, description="replaces the base's program")
+    vary: dict[str, dict[str, Any]] = Field(
+        {},
+        description="axes, multiplied with each other; an axis is either {key: list, ...}, lists "
+        "in step with each other, or {label: {key: value, ...}, ...}; the key `base` is a config",
+    )
+    label: str | None = Field(None, description="of a case, such as '{law}, {modulus}'")
+    quantities: dict[str, str] = Field({}, description="name: expression, one number a case")
+    panels: tuple[Panel, ...] = ()
+    columns: int = Field(2, ge=1, le=4, description="panels beside each other")
+    windows: tuple[Window, ...] = ()
+    comparison: str = Field(
+        "", description="one sentence; {expression:format} is replaced by its value"
+    )
+
+    @field_validator("vary")
+    @classmethod
+    def _axes(cls, axes: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+        for name, axis in axes.items():
+            lists = [isinstance(v, list) for v in axis.values()]
+            if not axis or not (all(lists) or all(isinstance(v, dict) for v in axis.values())):
+                raise ValueError(
+                    f"axis {name!r}: expected lists in step with each other, such as "
+                    "{mesh.columns: [20, 40]}, or choices, such as {coarse: {mesh.columns: 20}}"
+                )
+            lengths = {len(v) for v in axis.values()} if all(lists) else {1}
+            if len(lengths) != 1 or 0 in lengths:
+                raise ValueError(f"axis {name!r}: the lists must have the same length, above zero")
+        return axes
+
+    @field_validator("quantities")
+    @classmethod
+    def _quantities(cls, quantities: dict[str, str]) -> dict[str, str]:
+        for name, text in quantities.items():
+            if not name.isidentifier():
+                raise ValueError(f"{name!r}: use letters, digits and '_'")
+            try:
+                _per_case(text)
+            except ValueError as error:
+                raise ValueError(f"{name}: {error}") from None
+        return quantities
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Study:
+        bases = [a.get("base") is not None for a in self.vary.values()]
+        bases += [c.get("base") is not None for a in self.vary.values() for c in _choices(a)]
+        if self.material_test is not None and (self.base or self.program or any(bases)):
+            raise ValueError("give either base or material_test, not both")
+        if self.material_test is None and self.base is None and not any(bases):
+            raise ValueError("the key 'base' is missing: the config that is varied")
+        known = {*self.quantities}
+        points = [a.value for p in self.panels if isinstance(p, Points) for a in (p.x, p.y)]
+        for text in (*(w.value for w in self.windows), *points, *self.inserts()):
+            unknown = Expression(text, OF_ALL_CASES).names - known
+            if unknown:
+                raise ValueError(f"{text!r}: no quantity named {', '.join(sorted(unknown))}")
+        for part in (*self.panels, *self.windows):
+            for axis in part.where:
+                if axis not in self.vary:
+                    raise ValueError(f"where: {axis!r} is no axis of vary")
+        for panel in self.panels:
+            if isinstance(panel, Points) and panel.group and panel.group not in self.vary:
+                raise ValueError(f"group: {panel.group!r} is no axis of vary")
+        return self
+
+    def inserts(self) -> list[str]:
+        """Expressions within the sentence of comparison."""
+        return [m[1] for m in INSERT.finditer(self.comparison)]
+
+
+INSERT = re.compile(r"\{([^{}:]+)(?::([^{}]*))?\}")
+
+
+def _choices(axis: dict[str, Any]) -> list[dict[str, Any]]:
+    return [v for v in axis.values() if isinstance(v, dict)]

@@ -1,0 +1,393 @@
+"""The study engine on a tiny device; the thesis's studies validate."""
+
+import multiprocessing
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import dealib
+from dealib.errors import ConfigError
+from dealib.study import sweep
+from dealib.study.cache import Cache
+from dealib.study.evaluate import Results
+from dealib.study.expressions import OF_A_CASE, Expression
+from dealib.study.job import Job
+from dealib.study.plan import find, read
+from dealib.study.workers import _Queue, in_processes
+
+ROOT = Path(__file__).parent.parent
+THESIS = ROOT / "configs" / "thesis"
+
+BASE = """\
+name: tiny
+geometry:
+  inner_radius: 8 mm
+  outer_radius: 12 mm
+  film_thickness: 30 um
+  electrode_thickness: 0 um
+mesh: {columns: 8, film_rows: 1}
+materials:
+  film: {law: neo_hookean, youngs_modulus: 1 MPa, relative_permittivity: 3.0, prestretch: 1.15}
+solver: {max_cuts: 2}
+program:
+  - {stage: prestrain, steps: 1}
+"""
+STUDY = """\
+name: tiny_study
+title: a tiny study
+base: tiny.yaml
+program:
+  - {stage: prestrain, steps: 1}
+  - {stage: raise, mount: {force: 0 N}, terminal: {voltage: 1 V}, steps: 1}
+  - {stage: push, mount: {force: -0.05 N}, steps: 2}
+vary:
+  thickness: {geometry.film_thickness: [30 um, 60 um], geometry.electrode_thickness: [0 um, 0 um]}
+  law:
+    neo-Hookean: {}
+    Mooney-Rivlin: {materials.film.law: mooney_rivlin}
+quantities:
+  depth: -end(displacement_mm, "push")
+  charge: field("D_n", "film", 0.5, 1, "raise")
+  thickness: setting("geometry.film_thickness")
+panels:
+  - kind: curves
+    title: pushed
+    x: {value: -displacement_mm, label: Displacement (mm), limits: [0, 1]}
+    y: {value: force_N, label: Force (N), limits: [-0.06, 0]}
+    references: [{label: none, x: [0.0], y: [0.0]}]
+  - kind: points
+    group: law
+    x: {value: 1000 * thickness, label: Thickness (µm)}
+    y: {value: depth, label: Depth (mm)}
+  - kind: contour
+    where: &one {thickness: 30 um, law: neo-Hookean}
+    field: E
+    label: E (MV/m)
+    stage: push
+  - {kind: shapes, where: *one, times: [0 s, 2 s]}
+windows:
+  - {name: charge times thickness, value: charge * thickness, low: 2.6e-8, high: 2.7e-8}
+  - {name: too deep, value: depth, low: 100, unit: mm}
+comparison: 'thin: {of(depth, "30 um, neo-Hookean"):.4f} mm'
+"""
+SWEEP = """\
+name: voltages
+title: voltages, two of them far beyond pull-in
+base: tiny.yaml
+program:
+  - {stage: prestrain, steps: 1}
+  - {stage: raise, mount: {force: -0.01 N}, terminal: {voltage: 1 kV}, steps: 1}
+label: "{volts}"
+vary:
+  volts: {program.1.terminal.voltage: [0.1 kV, 0.2 kV, 0.3 kV, 30 kV, 0.4 kV, 0.5 kV, 0.6 kV,
+          40 kV, 0.7 kV, 0.8 kV, 0.9 kV, 1.0 kV]}
+quantities:
+  charge: end(charge_uC, "raise")
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("study")
+    for name, text in {"tiny": BASE, "study": STUDY, "sweep": SWEEP}.items():
+        (path / f"{name}.yaml").write_text(text)
+    return path
+
+
+def run_cli(folder, *arguments, timeout=300):
+    command = [sys.executable, "-m", "dealib", *map(str, arguments)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=timeout
+    )
+
+
+# --- expressions ---------------------------------------------------------------------------------
+
+
+def test_expression_values():
+    x = np.array([1.0, 4.0, 9.0])
+    value = Expression("-2 * max(sqrt(x)) ** 2 / (1 + first(x)) + mean(diff(x))", {})
+    assert value({"x": x}, {}) == pytest.approx(-9 + 4)
+    assert Expression('end(x, "a") * 2', OF_A_CASE)({"x": x}, {"end": lambda x, s: x[-1]}) == 18
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("x.real", "'x.real': only numbers, names"),
+        ("__import__('os')", "unknown function '__import__'"),
+        ("[1 for i in x]", "only numbers, names"),
+        ("x[0]", "only numbers, names"),
+        ("(lambda: 1)()", "only numbers, names"),
+        ("maxx(x)", "unknown function 'maxx'; did you mean 'max'?"),
+        ("max(x, x)", "max() takes 1 argument, not 2"),
+        ("1 +", "'1 +' is no arithmetic expression"),
+        ("1" * 501, "at most 500 characters"),
+    ],
+)
+def test_expressions_are_arithmetic_only(text, message):
+    with pytest.raises(ValueError, match=re.escape(message)):
+        Expression(text, {})
+
+
+def test_expression_names_unknown_things_and_survives_overflow():
+    with pytest.raises(ValueError, match="unknown name 'forse_N'; did you mean 'force_N'"):
+        Expression("forse_N", {})({"force_N": np.ones(1)}, {})
+    assert np.isinf(Expression("9 ** 9 ** 9 ** 9", {})({}, {}))
+
+
+# --- cases ---------------------------------------------------------------------------------------
+
+
+def test_axes_multiply_and_lists_go_in_step(folder):
+    cases = read(folder / "study.yaml").cases
+    assert [c.label for c in cases] == [
+        f"{t} um, {law}" for t in (30, 60) for law in ("neo-Hookean", "Mooney-Rivlin")
+    ]
+    assert [c.work.geometry.film_thickness for c in cases] == pytest.approx(
+        [0.03, 0.03, 0.06, 0.06]
+    )
+    assert cases[1].work.materials.film.parameters["c01"] == pytest.approx(-1 / 12)
+    # both thicknesses share their forms, the laws do not
+    assert cases[0].kind == cases[2].kind != cases[1].kind
+
+
+def test_key_is_that_of_the_physics(folder, tmp_path):
+    def key(base=BASE, study=STUDY):
+        (tmp_path / "tiny.yaml").write_text(base)
+        (tmp_path / "study.yaml").write_text(study)
+        return read(tmp_path / "study.yaml").cases[0].key
+
+    first = read(folder / "study.yaml").cases[0].key
+    assert key() == first
+    assert key(BASE.replace("name: tiny", "name: other\ndescription: new")) == first
+    assert key(study=STUDY.replace("tiny_study", "other_study")) == first
+    assert key(BASE.replace("1.15", "1.16")) != first
+    assert key(study=STUDY.replace("-0.05 N", "-0.06 N")) != first
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("title:", "titel:", "study.yaml:2:1: titel: unknown key; did you mean 'title'?"),
+        ("depth: -end(", "depth: -ende(", "unknown function 'ende'; did you mean 'end'?"),
+        ("value: depth, low", "value: dept, low", "'dept': no quantity named dept"),
+        ("low: 100, unit: mm", "unit: mm", "give low, high or both"),
+        ("30 um, 60 um]", "30 um]", "the lists must have the same length"),
+        ("geometry.film_thickness: [30 um", "geometry.film_thicknes: [30 um", "film_thickness"),
+        ("[30 um, 60 um]", "[30 um, 60 kg]", "case '60 kg, neo-Hookean'"),
+        ("base: tiny.yaml", "base: none.yaml", "none.yaml: cannot read the config"),
+        ("group: law", "group: laws", "'laws' is no axis of vary"),
+    ],
+)
+def test_mistakes_in_a_study(tmp_path, old, new, message):
+    (tmp_path / "tiny.yaml").write_text(BASE)
+    (tmp_path / "study.yaml").write_text(STUDY.replace(old, new, 1))
+    with pytest.raises(ConfigError) as error:
+        read(tmp_path / "study.yaml")
+    assert message in str(error.value)
+
+
+# --- running -------------------------------------------------------------------------------------
+
+
+def test_study_solves_draws_and_compares(folder):
+    done = run_cli(folder, "study", "study.yaml", "-j", 2, "--cache", "cases")
+    assert done.returncode == 0, done.stderr
+    assert "4 cases in 1 studies; 4 to solve" in done.stdout
+    assert "tiny_study: 2 of 3 windows hold" in done.stdout
+    out = folder / "runs" / "studies" / "tiny_study"
+    table = pd.read_csv(out / "tiny_study.csv")
+    assert list(table["status"]) == ["done"] * 4
+    # a flat capacitor at 1 V: charge density eps0 eps_r V / H
+    assert table["charge"][0] == pytest.approx(8.8541878128e-12 * 3 / 30e-6, rel=1e-4)
+    # the same number as by the Python interface
+    case = dealib.load(folder / "tiny.yaml", set=read(folder / "study.yaml").cases[3].overrides)
+    last = list(dealib.Simulation(case))[-1].row
+    assert table["depth"][3] == pytest.approx(-last["displacement_mm"], rel=1e-12)
+    windows = pd.read_csv(out / "windows.csv").set_index("window")["verdict"]
+    assert windows.to_dict() == {
+        "charge times thickness": "holds",
+        "too deep": "does not hold",
+        "pushed: Force within the axis": "holds",
+    }
+    assert (out / "tiny_study.png").read_bytes()[:4] == b"\x89PNG"
+    page = (out / "gallery.html").read_text()
+    assert f"thin: {table['depth'][0]:.4f} mm" in page
+    assert "<svg" in page
+    assert "currentColor" in page
+    assert not re.search(r"(src|href)=\"(?!#|data:)", page)  # self-contained
+    again = run_cli(folder, "study", "study.yaml", "--cache", "cases")
+    assert again.returncode == 0
+    assert "0 to solve" in again.stdout
+
+
+def test_sweep_goes_on_past_failures_and_resumes(folder):
+    done = run_cli(folder, "sweep", "sweep.yaml", "-j", 2, "--cache", "swept")
+    assert done.returncode == 3, done.stderr
+    summary = pd.read_csv(folder / "runs" / "studies" / "voltages" / "summary.csv")
+    assert summary["status"].value_counts().to_dict() == {"done": 10, "not converged": 2}
+    failed = summary[summary["status"] != "done"]
+    assert list(failed["case"]) == ["30 kV", "40 kV"]
+    assert failed["error"].str.contains("stage 'raise' stopped after t = 0.25 s").all()
+    assert failed["error"].str.contains("pull-in").all()
+    assert failed["charge"].isna().all()
+    solved = summary[summary["status"] == "done"]
+    assert (solved["charge"] > 0).all()
+    assert solved["charge"].is_monotonic_increasing
+    assert "10 of 12 cases are solved; these are not:" in done.stderr
+    for run in summary["run"]:
+        assert "stopped" in (folder / run / "run.log").read_text() or run in set(solved["run"])
+    again = run_cli(folder, "sweep", "sweep.yaml", "--cache", "swept")
+    assert (again.returncode, again.stdout.splitlines()[0]) == (
+        3,
+        "12 cases in 1 studies; 0 to solve",
+    )
+    retried = run_cli(folder, "sweep", "sweep.yaml", "--retry", "--cache", "swept")
+    assert (retried.returncode, "2 to solve" in retried.stdout) == (3, True)
+
+
+def test_an_interrupted_sweep_keeps_what_is_solved(folder):
+    command = [sys.executable, "-m", "dealib", "sweep", "sweep.yaml", "-j", "1", "--cache", "cut"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(
+        command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        for line in process.stdout:
+            if line.startswith(b"2/12"):
+                process.send_signal(signal.SIGTERM)
+        said = process.stderr.read().decode()
+    assert process.returncode == 143
+    ended = int(re.search(r"interrupted after (\d+) of 12 cases, which are kept", said)[1])
+    plan, cache = read(folder / "sweep.yaml"), Cache(folder / "cut")
+    left = sweep.missing([plan], cache)
+    assert 1 <= ended <= 12 - len(left) < 12  # one may have ended unheard
+    assert [job.label for job in left] == [f"voltages: {c.label}" for c in plan.cases[-len(left) :]]
+
+
+@pytest.mark.mpi
+def test_sweep_in_ranks(folder):
+    done = run_cli(folder, "sweep", "sweep.yaml", "--cache", "ranks", "--out", "r", "--mpi", 3)
+    assert done.returncode == 3, done.stderr
+    serial = read(folder / "sweep.yaml")
+    summary = pd.read_csv(folder / "r" / "summary.csv")
+    assert summary["status"].value_counts().to_dict() == {"done": 10, "not converged": 2}
+    assert list(summary["case"]) == [c.label for c in serial.cases]
+
+
+class Watcher:
+    """Kills the worker of the first job at its first step."""
+
+    killed = None
+
+    def begin(self, worker, job):
+        pass
+
+    def step(self, worker, job, step, total):
+        if self.killed is None:
+            self.killed = job.label
+            os.kill(multiprocessing.active_children()[0].pid, signal.SIGKILL)
+
+    def end(self, worker, outcome):
+        pass
+
+
+def test_a_dead_worker_is_reported_and_replaced(folder, tmp_path):
+    jobs = sweep.missing([read(folder / "study.yaml")], Cache(tmp_path / "cases"))
+    watcher = Watcher()
+    outcomes = {o.job.label: o for o in sweep.solve(jobs, lambda j: in_processes(j, 1, watcher))}
+    crashed = outcomes.pop(watcher.killed)
+    assert (crashed.status, crashed.error) == ("crashed", "the process was ended by SIGKILL")
+    assert [o.status for o in outcomes.values()] == ["done"] * 3
+    left = sweep.missing([read(folder / "study.yaml")], Cache(tmp_path / "cases"))
+    assert [job.label for job in left] == [watcher.killed]
+
+
+def test_same_forms_are_never_compiled_together():
+    def job(name, kind):
+        return Job(name, name, kind, Path(), (), Path(), Path())
+
+    queue = _Queue([job("a1", "a"), job("a2", "a"), job("b1", "b"), job("b2", "b")])
+    first = queue.take()
+    assert first.label == "a1"
+    assert queue.take() is None  # a2 waits for a1's forms, b1 for a free compiler
+    queue.compiled(first)
+    assert [queue.take().label, queue.take().label] == ["a2", "b1"]
+    assert queue.take() is None
+
+
+def test_failed_quantity_points_at_the_study(folder):
+    plan = read(folder / "study.yaml")
+    cache = Cache(folder / "cases")
+    for job in sweep.missing([plan], cache):
+        list(sweep.solve([job], lambda j: in_processes(j, 1, Watcher())))
+    broken = folder / "broken.yaml"
+    broken.write_text(STUDY.replace('"push")\n  charge', '"pusch")\n  charge'))
+    plan = read(broken)
+    with pytest.raises(ConfigError, match="no stage 'pusch' in the results; did you mean 'push'"):
+        Results(plan, cache, sweep.statuses(plan, cache, {}))
+
+
+# --- the thesis ----------------------------------------------------------------------------------
+
+
+def test_every_figure_has_a_study_that_validates():
+    plans = {p.stem: read(p) for p in find(THESIS)}
+    wanted = [4, 12, 13, 16, 19, 20, *range(23, 30), *range(31, 40)]
+    assert set(plans) == {f"fig{n:02d}" for n in wanted}
+    for name, plan in plans.items():
+        assert plan.study.name == name
+        assert plan.study.panels
+        assert plan.study.windows
+        assert plan.study.comparison
+        assert plan.study.source.endswith(f"Fig. {int(name[3:])}")
+
+
+# what the thesis's physics asks for, whatever the identified parameters
+MUST_HOLD = {
+    "fig04": ["stress at 5 % strain over Hooke's", "stress at 100 % strain over Hooke's"],
+    "fig12": ["error of 80 uniform elements over that of 80 graded ones"],
+    "fig19": ["force at 1 mm, Mooney-Rivlin 1.25 MPa over neo-Hookean 1 MPa"],
+    "fig20": ["force at 3 mm with electrodes of 1.5 MPa over that with 3 MPa"],
+    "fig23": ["displacement at full voltage beyond the pre-deflection"],
+    "fig26": ["stress at the outer quarter over that at the inner quarter"],
+    "fig27": [
+        "stress in the middle of the film at full voltage",
+        "electrode's stress over the film's",
+    ],
+    "fig28": [
+        "field in the middle of the film",
+        "field in the electrodes",
+        "field from top to bottom over its size",
+    ],
+    "fig29": ["plateau on the top electrode", "sum of both electrodes over the plateau"],
+    "fig32": ["force change at half the voltage over that at the full one"],
+    "fig36": [
+        "change of the pre-deflection with each 5 µm",
+        "pre-deflection: Pre-deflection within the axis",
+    ],
+    "fig38": [f"{d}: Capacitance within the axis" for d in ("DEAP75", "DEAP100", "DEAP200")],
+    "fig39": ["plateau on the top electrodes", "largest plateau over the smallest"],
+}
+
+
+@pytest.mark.slow
+def test_physics_of_the_thesis(tmp_path):
+    done = run_cli(tmp_path, "study", THESIS, "--out", "out", timeout=1800)
+    assert done.returncode == 0, done.stderr
+    windows = pd.read_csv(tmp_path / "out" / "windows.csv").set_index(["study", "window"])
+    assert set(windows.index.get_level_values(0)) == {p.stem for p in find(THESIS)}
+    verdicts = {
+        (study, name): windows.loc[(study, name), "verdict"]
+        for study, names in MUST_HOLD.items()
+        for name in names
+    }
+    assert {k for k, v in verdicts.items() if v != "holds"} == set()
