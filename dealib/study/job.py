@@ -79,14 +79,11 @@ def run(job: Job, report: Report | None = None) -> Outcome:
 def _solve(job: Job, report: Report | None) -> None:
     from mpi4py import MPI
 
-    from dealib.cli.progress import LogFile
     from dealib.config import load
-    from dealib.program import Observer, simulate
+    from dealib.program import simulate
 
     case = load(job.base, job.overrides)
-    observers: list[Observer] = [LogFile(job.directory)]
-    if report is not None:
-        observers.append(_Reporter(report))
+    observers = [] if report is None else [_Reporter(report)]
     simulate(case, job.directory, overwrite=True, observers=observers, comm=MPI.COMM_SELF)
 
 
