@@ -14,7 +14,7 @@ import argparse
 import csv
 import json
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,36 +23,17 @@ from devices import (
     VOLTS,
     Device,
     Parameters,
-    Solver,
     Target,
     by_finite_elements,
     by_membrane,
     cached,
-    quantities,
 )
-from scipy.optimize import least_squares
+from fitting import Fit, fit
 from windows import WINDOWS, Window
 
-from dealib.errors import DealibError
 from dealib.units import EPSILON_0, GRAVITY
 
 HERE = Path(__file__).parent
-PULL = 0.05  # towards the middles of the windows
-FITTED = [w for w in WINDOWS if w.fitted]
-BOUNDS = {
-    "film_thickness": (0.010, 0.070),
-    "prestretch": (1.0, 1.5),
-    "permittivity": (2.0, 5.0),
-    "inner_75": (1, 9),
-    "outer_75": (5, 12),
-    "inner_100": (1, 12),
-    "outer_100": (7, 16),
-    "inner_200": (2, 25),
-    "outer_200": (15, 30),
-    "preload_23": (0.1, 0.6),
-    "preload_36": (0.005, 0.3),
-    "displacement_35": (0.3, 3.0),
-}
 COUPLINGS = {
     "energy": "energy: the electro-elastic potential (Pelrine's pressure with the current "
     "thickness is the same in a thin incompressible film)",
@@ -74,128 +55,6 @@ finds no resistance and sinks deep until stretching stops it, while a large mass
 the stretching: the stroke falls with the mass. If most of the pre-stress is left, the stroke starts
 at zero, in proportion to the mass, and rises. The ratio of Maxwell stress to pre-stress at rest
 decides; other parameters of this table are the identified ones (membrane model)."""
-
-
-@dataclass(frozen=True)
-class Fit:
-    """A fit and what it computes.
-
-    Attributes:
-        parameters: The identified parameters.
-        values: Every quantity of the windows.
-        jacobian: Of the quantities of the fitted windows over their scales.
-        windows: The windows that took part.
-    """
-
-    parameters: Parameters
-    values: dict[str, float]
-    jacobian: np.ndarray
-    windows: list[Window]
-
-    def misfit(self, windows: list[Window] | None = None) -> float:
-        """Sum of squared misfits."""
-        return sum(w.misfit(self.values[w.quantity]) ** 2 for w in windows or self.windows)
-
-    def held(self) -> list[Window]:
-        """The fitted windows that hold."""
-        return [w for w in self.windows if w.misfit(self.values[w.quantity]) == 0]
-
-    @property
-    def uncertainties(self) -> np.ndarray:
-        """Standard deviations, if half a window's width is one of each quantity."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @property
-    def covariance(self) -> np.ndarray:
-        """Of the parameters, by the linearised model."""
-        J = 2 * self.jacobian
-        return np.linalg.inv(J.T @ J)
-
-    def opposed(self) -> list[tuple[Window, Window, float]]:
-        """For each violated window, the violated one that pulls hardest against it.
-
-        At the optimum the pulls r_i grad r_i of all windows balance; they are compared in the
-        metric of the covariance, and given as a cosine.
-        """
-        bad = [i for i, w in enumerate(self.windows) if w.misfit(self.values[w.quantity])]
-        L = np.linalg.cholesky(self.covariance)
-        sign = [np.sign(self.windows[i].misfit(self.values[self.windows[i].quantity])) for i in bad]
-        pulls = np.array([s * self.jacobian[i] @ L for s, i in zip(sign, bad, strict=True)])
-        if len(bad) < 2:
-            return []
-        pulls /= np.linalg.norm(pulls, axis=1, keepdims=True) + 1e-300
-        cosines = pulls @ pulls.T
-        found = []
-        for k, i in enumerate(bad):
-            other = int(np.argmin(cosines[k]))
-            found.append((self.windows[i], self.windows[bad[other]], float(cosines[k, other])))
-        return found
-
-
-def fit(
-    solve: Solver,
-    start: Parameters,
-    slopes: Solver | None = None,
-    without: tuple[str, ...] = (),
-    evaluations: int = 25,
-) -> Fit:
-    """Identify the parameters with one model.
-
-    Args:
-        solve: The model.
-        start: Where to start.
-        slopes: A cheaper model for the derivatives; default the same.
-        without: Figures to leave out.
-        evaluations: Limit of evaluations.
-    """
-    windows = [w for w in FITTED if w.figure not in without]
-    names, scale = Parameters.names(), 0.1 * np.array(Parameters().vector())
-    known: dict[bytes, np.ndarray] = {}
-
-    def offsets(x: np.ndarray, model: Solver) -> np.ndarray:
-        q = quantities(Parameters(*map(float, x)), model)
-        return np.array([w.offset(q[w.quantity]) for w in windows])
-
-    half = np.array([(w.high - w.low) / 2 / w.scale for w in windows])
-
-    below, above = np.array([w.weights for w in windows]).T
-
-    def weight(found: np.ndarray) -> np.ndarray:
-        return np.where(found < 0, below, above)
-
-    def residuals(x: np.ndarray) -> np.ndarray:
-        try:
-            found = offsets(x, solve)
-        except (ArithmeticError, np.linalg.LinAlgError, DealibError):
-            found = np.full(len(windows), 9.0)  # no equilibrium there
-        known[x.tobytes()] = found
-        outside = weight(found) * np.sign(found) * np.maximum(np.abs(found) - half, 0)
-        return np.concatenate([outside, PULL * found])
-
-    def slope(x: np.ndarray) -> np.ndarray:
-        model = slopes or solve
-        base = offsets(x, model)
-        steps = 1e-3 * scale
-        moved = [offsets(x + np.eye(len(x))[k] * steps[k], model) for k in range(len(x))]
-        return (np.array(moved).T - base[:, None]) / steps
-
-    def jacobian(x: np.ndarray) -> np.ndarray:
-        J = slope(x)
-        at = known[x.tobytes()]
-        return np.vstack([J * (weight(at) * (np.abs(at) > half))[:, None], PULL * J])
-
-    found = least_squares(
-        residuals,
-        start.vector(),
-        jacobian,
-        bounds=np.array([BOUNDS[n] for n in names]).T,
-        x_scale=scale,
-        max_nfev=evaluations,
-        xtol=1e-5,
-        ftol=1e-5,
-    )
-    best = Parameters(*map(float, found.x))
-    return Fit(best, quantities(best, solve), found.jac[len(windows) :] / PULL, windows)
 
 
 def table(head: list[str], rows: list[list[str]]) -> str:
