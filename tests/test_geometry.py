@@ -49,7 +49,7 @@ def area(quads):
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_variant(variant):
-    config = case("deap100", **VARIANTS[variant]).config
+    config = case("benchmark_strip_air", **VARIANTS[variant]).config
     g = config.geometry
     with gmsh_model(config) as session:
         cells = cells_of(session.model)
@@ -77,7 +77,7 @@ def test_variant(variant):
 
 @pytest.mark.parametrize("kind", ["ends", "uniform", "tanh"])
 def test_columns_have_their_grading(kind):
-    config = case("deap100", mesh__grading=kind).config
+    config = case("benchmark_strip_air", mesh__grading=kind).config
     with gmsh_model(config) as session:
         film = cells_of(session.model)["film"]
     radii = np.unique(np.round(film[..., 0], 9))
@@ -97,7 +97,7 @@ def test_columns_have_their_grading(kind):
 
 
 def test_air_cells_are_well_shaped():
-    config = case("deap100").config
+    config = case("benchmark_strip_air").config
     with gmsh_model(config) as session:
         model = session.model
         air = [
@@ -122,16 +122,16 @@ def test_geometric_grading_reaches_its_end():
 
 
 def test_written_mesh_is_read_back(tmp_path):
-    counts = write(case("deap100").config, tmp_path / "m.msh")
-    config = case("deap100", mesh__file=str(tmp_path / "m.msh")).config
+    counts = write(case("benchmark_strip_air").config, tmp_path / "m.msh")
+    config = case("benchmark_strip_air", mesh__file=str(tmp_path / "m.msh")).config
     with gmsh_model(config) as session:
         cells = cells_of(session.model)
     assert {k: len(v) for k, v in cells.items()} == counts
 
 
 def test_mesh_without_a_name_is_refused(tmp_path):
-    write(case("deap100", geometry__air_height="0 mm").config, tmp_path / "m.msh")
-    config = case("deap100", mesh__file=str(tmp_path / "m.msh")).config
+    write(case("benchmark_strip_air", geometry__air_height="0 mm").config, tmp_path / "m.msh")
+    config = case("benchmark_strip_air", mesh__file=str(tmp_path / "m.msh")).config
     with (
         pytest.raises(ConfigError, match="no physical group named air, axis_air"),
         gmsh_model(config),
@@ -140,9 +140,9 @@ def test_mesh_without_a_name_is_refused(tmp_path):
 
 
 def test_mesh_of_another_size_is_refused(tmp_path):
-    write(case("deap100").config, tmp_path / "m.msh")
+    write(case("benchmark_strip_air").config, tmp_path / "m.msh")
     config = case(
-        "deap100", mesh__file=str(tmp_path / "m.msh"), geometry__outer_radius="13 mm"
+        "benchmark_strip_air", mesh__file=str(tmp_path / "m.msh"), geometry__outer_radius="13 mm"
     ).config
     with (
         pytest.raises(ConfigError, match=r"film spans R = 8\.35\.\.12\.35"),
@@ -153,7 +153,7 @@ def test_mesh_of_another_size_is_refused(tmp_path):
 
 def test_gmsh_is_closed_after_an_error(tmp_path):
     (tmp_path / "m.msh").write_text("no mesh")
-    config = case("deap100", mesh__file=str(tmp_path / "m.msh")).config
+    config = case("benchmark_strip_air", mesh__file=str(tmp_path / "m.msh")).config
     with pytest.raises(ConfigError, match="Gmsh cannot read it"), gmsh_model(config):
         pass
     assert not gmsh.isInitialized()
