@@ -48,7 +48,8 @@ say "making .venv"
 
 say "installing Python packages"
 .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-warn-conflicts \
-  --constraint .venv/constraints.txt --editable '.[dev]' || fail "pip failed"
+  --constraint .venv/constraints.txt --editable '.[dev]' >.venv/pip.log 2>&1 ||
+  { tail -n 20 .venv/pip.log >&2; fail "pip failed, see .venv/pip.log"; }
 
 say "checking"
 .venv/bin/python setup/constraints.py --check || exit 4
