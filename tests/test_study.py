@@ -355,7 +355,6 @@ def test_every_figure_has_a_study_that_validates():
 MUST_HOLD = {
     "fig04": ["stress at 5 % strain over Hooke's", "stress at 100 % strain over Hooke's"],
     "fig12": ["error of 80 uniform elements over that of 80 graded ones"],
-    "fig19": ["force at 1 mm, Mooney-Rivlin 1.25 MPa over neo-Hookean 1 MPa"],
     "fig20": ["force at 3 mm with electrodes of 1.5 MPa over that with 3 MPa"],
     "fig23": ["displacement at full voltage beyond the pre-deflection"],
     "fig26": ["stress at the outer quarter over that at the inner quarter"],
@@ -391,3 +390,9 @@ def test_physics_of_the_thesis(tmp_path):
         for name in names
     }
     assert {k for k, v in verdicts.items() if v != "holds"} == set()
+    # contradicts Fig. 31 at the identified pre-stretch (configs/thesis/identification.md): shown
+    closeness = windows.loc[
+        ("fig19", "force at 1 mm, Mooney-Rivlin 1.25 MPa over neo-Hookean 1 MPa")
+    ]
+    assert closeness["verdict"] == "does not hold"
+    assert closeness["largest"] == pytest.approx(1.116, abs=2e-3)
