@@ -33,5 +33,6 @@ CASES = (
     Case("manufactured-neo_hookean", manufactured.neo_hookean, slow=True),
     Case("manufactured-mooney_rivlin", manufactured.mooney_rivlin),
     Case("manufactured-linear", manufactured.linear, slow=True),
+    Case("manufactured-mixed", manufactured.mixed, slow=True),
     Case("mesh_convergence", mesh_convergence.rows),
 )
