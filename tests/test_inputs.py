@@ -2,7 +2,7 @@
 
 import pytest
 
-from dealib.config.schema import Stage
+from dealib.config.program import Stage
 from dealib.program.inputs import Drive, milestones
 
 

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from dealib.config.schema import MountInput, Stage, TerminalInput
+from dealib.config.program import MountInput, Stage, TerminalInput
 from dealib.fem.system import PortLaw
 from dealib.units import GRAVITY
 

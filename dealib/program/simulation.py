@@ -11,7 +11,7 @@ from typing import Any
 from mpi4py import MPI
 
 from dealib.config.case import Case
-from dealib.config.schema import Stage
+from dealib.config.program import Stage
 from dealib.errors import ConfigError
 from dealib.fem.layout import Layout
 from dealib.fem.measures import film_stretches, measure

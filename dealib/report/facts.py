@@ -8,7 +8,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from dealib.config.schema import Config, Stage
+from dealib.config.program import Stage
+from dealib.config.schema import Config
 from dealib.results.reader import Run
 from dealib.results.summary import actuations
 from dealib.units import write
