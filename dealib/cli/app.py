@@ -212,14 +212,22 @@ def animate(
 
 @app.command()
 def report(
-    run: RunDirectory,
+    path: Annotated[
+        Path, typer.Argument(metavar="RUN|STUDY", help="run directory, or a study's YAML file")
+    ],
     out: Annotated[Path | None, typer.Option(help="HTML file; default RUN/report.html")] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Write one self-contained HTML page about a run: device, pictures, curves, margins."""
+    """Write one self-contained HTML page about a run: device, pictures, curves, margins.
+
+    Of a study: its gallery, as `dealib study` does; --out is then a folder.
+    """
+    if path.suffix in (".yaml", ".yml"):
+        study(path, out=out)
+        return
     from dealib.cli.report import report as write
 
-    typer.echo(write(run, out, overwrite))
+    typer.echo(write(path, out, overwrite))
 
 
 @app.command()

@@ -1,0 +1,76 @@
+"""Commands that no other test runs on real output: mesh, info, dry runs, a study's report."""
+
+import subprocess
+import sys
+
+import gmsh
+import pytest
+from conftest import CONFIGS
+
+import dealib
+
+
+def command(*arguments, cwd):
+    """Run the program; returns its exit code, output and errors."""
+    done = subprocess.run(
+        [sys.executable, "-m", "dealib", *map(str, arguments)],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.fixture(autouse=True)
+def _own_code(monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(CONFIGS.parent))
+
+
+def test_mesh_writes_file_and_picture(tmp_path):
+    config = CONFIGS / "benchmark_strip_air.yaml"
+    view = tmp_path / "m.png"
+    code, out, err = command("mesh", config, "--out", "m.msh", "--view", view, cwd=tmp_path)
+    assert (code, err) == (0, "")
+    assert "bottom_electrode 60, film 240, top_electrode 60, air" in out
+    assert view.read_bytes().startswith(b"\x89PNG")
+    case = dealib.load(config, set={"mesh.file": str(tmp_path / "m.msh")})
+    assert case.config.mesh.file == str(tmp_path / "m.msh")
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.open(str(tmp_path / "m.msh"))
+        names = {gmsh.model.getPhysicalName(*g) for g in gmsh.model.getPhysicalGroups()}
+    finally:
+        gmsh.finalize()
+    assert {"film", "air", "inner", "outer", "film_top"} <= names
+    code, _, err = command("mesh", config, "--out", "m.msh", cwd=tmp_path)
+    assert code == 2
+    assert "m.msh exists" in err
+
+
+def test_info_tells_what_a_run_holds(strip_run, tmp_path):
+    code, out, err = command("info", strip_run.directory, cwd=tmp_path)
+    assert (code, err) == (0, "")
+    assert out.startswith("benchmark_strip: done\n")
+    for part in ("-3 .. 0 mm", "359.12 pF", "dolfinx", "timings", "steps"):
+        assert part in out
+    assert "17" in next(line for line in out.splitlines() if line.startswith("steps"))
+
+
+def test_dry_run_writes_nothing(tmp_path):
+    code, out, err = command("run", CONFIGS / "benchmark_strip.yaml", "--dry-run", cwd=tmp_path)
+    assert (code, err) == (0, "")
+    assert "3943 unknowns, 17 steps" in out
+    assert not list(tmp_path.iterdir())
+
+
+def test_report_of_a_study_is_its_gallery(tmp_path):
+    study = CONFIGS / "thesis" / "fig04.yaml"
+    code, out, err = command("report", study, "--out", "pages", cwd=tmp_path)
+    assert (code, err) == (0, "")
+    page = (tmp_path / "pages" / "gallery.html").read_text()
+    assert "gallery.html" in out
+    assert "Fig. 4" in page
+    assert "<svg" in page
