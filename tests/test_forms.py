@@ -14,6 +14,7 @@ import pytest
 from conftest import case, history
 
 import dealib
+from dealib.cli.mpi import environment, mpirun
 from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem
 from dealib.fem.system import Timings
@@ -106,13 +107,12 @@ def numbers(changes):
 def test_ranks_do_not_matter():
     cases = VARIANTS[1:]
     serial = [numbers(changes) for changes in cases]  # also compiles, once
-    command = ["mpirun", "--oversubscribe", "-n", "2", sys.executable, "-m", "mpi4py"]
+    command = [mpirun(), "-n", "2", sys.executable, "-m", "mpi4py"]
     command += ["-c", _SCRIPT, json.dumps(cases)]
-    allowed = {"OMPI_ALLOW_RUN_AS_ROOT": "1", "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1"}
-    allowed["PYTHONPATH"] = os.pathsep.join(filter(None, [str(HERE), os.environ.get("PYTHONPATH")]))
+    path = os.pathsep.join(filter(None, [str(HERE), os.environ.get("PYTHONPATH")]))
     done = subprocess.run(
         command,
-        env=os.environ | allowed,
+        env=environment() | {"PYTHONPATH": path},
         cwd=HERE.parent,
         capture_output=True,
         text=True,
