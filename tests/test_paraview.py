@@ -63,6 +63,7 @@ def test_every_run_directory_has_a_script(strip_run):
     assert "FIRST, LAST = 0, 4  # regions to show: 0 film, 1 top_electrode" in text
 
 
+@pytest.mark.slow  # renders in an X server of its own, which may fail on a crowded machine
 @pytest.mark.skipif(
     PVPYTHON is None or XVFB is None, reason="no pvpython or xvfb-run (apt install paraview xvfb)"
 )
