@@ -7,9 +7,12 @@ import shutil
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 from typing import NoReturn
+
+import psutil
 
 from dealib.errors import PlatformError
 
@@ -28,8 +31,8 @@ _LEFT_BEHIND = ("PMIX_", "PMI_", "ORTE_", "OMPI_MCA_ess", "OMPI_MCA_orte", "OMPI
 def launch(ranks: int) -> NoReturn:
     """Run the same command line without its `--mpi` under mpirun, and exit as it does.
 
-    mpirun answers SIGINT and SIGTERM by killing its ranks within seconds. So it does not get them:
-    the ranks get SIGUSR2, which mpirun forwards, and finish their step; mpirun gets the second.
+    mpirun answers SIGINT and SIGTERM by killing its ranks within seconds. So the ranks get the
+    first one straight from here, and finish their step; mpirun gets the second.
     """
     arguments = without_option(sys.argv[1:], "--mpi")
     program = mpirun()
@@ -41,16 +44,31 @@ def launch(ranks: int) -> NoReturn:
     stop: list[int] = []
 
     def forward(number: int, _frame: FrameType | None) -> None:
+        ranks = [] if stop else _ranks(job.pid)
+        for rank in ranks:
+            with suppress(psutil.NoSuchProcess):
+                rank.send_signal(number)
         if number == signal.SIGUSR1:
-            job.send_signal(signal.SIGUSR1)
-        else:
-            job.send_signal(signal.SIGTERM if stop else signal.SIGUSR2)
-            stop.append(number)
+            return
+        if not ranks:  # none yet, or it is the second time
+            job.send_signal(signal.SIGTERM)
+        stop.append(number)
 
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1):
         signal.signal(number, forward)
     code = job.wait()
     sys.exit(128 + stop[0] if stop and code else abs(code))
+
+
+def _ranks(mpirun: int) -> list[psutil.Process]:
+    """The dealib processes below a process."""
+    found = []
+    with suppress(psutil.NoSuchProcess):
+        for process in psutil.Process(mpirun).children(recursive=True):
+            with suppress(psutil.NoSuchProcess):  # it has ended meanwhile
+                if process.cmdline()[1:3] == ["-m", "dealib"]:
+                    found.append(process)
+    return found
 
 
 def environment() -> dict[str, str]:

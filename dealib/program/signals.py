@@ -12,8 +12,7 @@ from mpi4py import MPI
 
 from dealib.errors import Interrupted
 
-# `dealib run --mpi` forwards the first two as the third, which mpirun lets through
-_STOP = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR2)
+_STOP = (signal.SIGINT, signal.SIGTERM)
 
 
 class Signals:
@@ -87,6 +86,4 @@ class Signals:
 
 
 def _interrupted(number: int, everywhere: bool) -> Interrupted:
-    if number == signal.SIGUSR2:
-        return Interrupted("stopped by SIGINT or SIGTERM", signal.SIGTERM, everywhere)
     return Interrupted(f"stopped by {signal.Signals(number).name}", number, everywhere)
