@@ -79,6 +79,8 @@ else:
         return basix.ufl.mixed_element(list(elements))
 
 
+PETSc.Log.begin()  # here and not later: collective on the world in PETSc 3.22 and newer
+
 _reasons = vars(PETSc.SNES.ConvergedReason)
 DIVERGED_NAN: int = next(
     _reasons[name]

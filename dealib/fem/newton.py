@@ -97,7 +97,6 @@ class Newton:
         self._snes.setFromOptions()
         self._factored = False
         self._logged = 0.0
-        PETSc.Log.begin()
         self._logged = self.factorisation_seconds
         self._norms = np.zeros(len(FIELDS))
 
