@@ -22,6 +22,7 @@ from dealib.results.elements import Array
 from dealib.results.reader import Run
 
 FORMATS = (".mp4", ".gif")
+_HALF = 0.24  # height of a strip's panel, of the figure's width
 _SIZE, _DPI = (12.8, 7.2), 100  # 1280 x 720: H.264 wants even numbers
 Image = npt.NDArray[np.uint8]
 
@@ -37,6 +38,7 @@ def frames(run: Run, what: Quantity, look: Theme, count: int) -> Iterator[Image]
     if len(steps) < 2:
         raise ConfigError(f"{run.directory}: an animation needs at least two stored steps")
     factor = magnification(Shape(run))
+    edges = Shape(run, n=2).strips.outline
 
     @lru_cache(maxsize=2)
     def at(k: int) -> tuple[Array, Array, Array]:
@@ -48,10 +50,11 @@ def frames(run: Run, what: Quantity, look: Theme, count: int) -> Iterator[Image]
         k = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2))
         s = (t - times[k]) / (times[k + 1] - times[k])
         now = [(1 - s) * a + s * b for a, b in zip(at(k), at(k + 1), strict=True)]
-        for artist, x in zip(strips, now[:2], strict=True):
-            grid = artist._triangulation
+        for (colours, rim), x in zip(strips, now[:2], strict=True):
+            grid = colours._triangulation
             grid.x, grid.y = x[:, 0].copy(), x[:, 1].copy()
-            artist.set_array(now[2])
+            colours.set_array(now[2])
+            rim.set_segments(x[edges])
         for marker, values in markers:
             marker.set_data([t], [np.interp(t, run.history["time_s"], values)])
         figure.canvas.draw()
@@ -72,7 +75,9 @@ def _stage(run: Run, what: Quantity, look: Theme, factor: float) -> Any:
     values = [shape.strips(what.of(shape.arrays)) for shape in shapes]
     norm, cmap, extend = scale(shapes[0], np.array(values), look)
     figure = plt.figure(figsize=_SIZE, dpi=_DPI, layout="constrained")
-    grid = figure.add_gridspec(6, 2, width_ratios=(1.25, 1))
+    width, height = np.ptp(np.concatenate([shape.moved() for shape in shapes]), axis=0)
+    share = np.clip(_HALF * width / height, 0.35, 0.6)  # the strips need no more
+    grid = figure.add_gridspec(6, 2, width_ratios=(share, 1 - share))
     strips = []
     for rows, magnified in ((slice(0, 3), 1.0), (slice(3, 6), factor)):
         axis = figure.add_subplot(grid[rows, 0])
@@ -85,7 +90,7 @@ def _stage(run: Run, what: Quantity, look: Theme, factor: float) -> Any:
         axis.set_xlim(moved[:, 0].min() - 0.1, moved[:, 0].max() + 0.1)
         axis.set_ylim(moved[:, 1].min() - pad, moved[:, 1].max() + pad)
     figure.colorbar(
-        strips[0], ax=figure.axes, location="left", extend=extend, label=what.title, aspect=40
+        strips[0][0], ax=figure.axes, location="left", extend=extend, label=what.title, aspect=40
     )
     markers = []
     history = run.history

@@ -6,7 +6,7 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.collections import PolyCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize, TwoSlopeNorm
 from matplotlib.tri import Triangulation
 
@@ -88,11 +88,18 @@ def scale_note(factor: float) -> str:
     return "true scale" if factor == 1 else f"thickness magnified {factor:g} times"
 
 
-def paint(axis: Any, shape: Shape, x: Array, values: Array, norm: Normalize, cmap: str) -> Any:
-    """Smooth colours on the sampled triangles at the points x."""
+def paint(axis: Any, shape: Shape, x: Array, values: Array, norm: Normalize, cmap: str) -> tuple[Any, Any]:
+    """Smooth colours on the sampled triangles at the points x, in a thin outline.
+
+    Returns:
+        The colours and the outline.
+    """
     grid = Triangulation(x[:, 0], x[:, 1], shape.strips.triangles)
     axis.grid(False)
-    return axis.tripcolor(grid, values, shading="gouraud", norm=norm, cmap=cmap, rasterized=True)
+    rim = LineCollection(x[shape.strips.outline], colors=plt.rcParams["axes.edgecolor"], lw=0.4)
+    axis.add_collection(rim)
+    colours = axis.tripcolor(grid, values, shading="gouraud", norm=norm, cmap=cmap, rasterized=True)
+    return colours, rim
 
 
 def frame(axis: Any) -> None:

@@ -125,6 +125,17 @@ class Sampler:
         start = len(points) * np.arange(len(self.cells))[:, None, None]
         return np.asarray((start + triangles).reshape(-1, 3))
 
+    @cached_property
+    def outline(self) -> Ints:
+        """Pairs of sampled points along the rim of all regions together, (edges, 2)."""
+        places = np.round(self.points / np.ptp(self.points, axis=0).min(), 9)
+        _, place = np.unique(places, axis=0, return_inverse=True)
+        edges = self.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+        _, first, count = np.unique(
+            np.sort(place.ravel()[edges], axis=1), axis=0, return_index=True, return_counts=True
+        )
+        return np.asarray(edges[first[count == 1]])  # inner edges belong to two triangles
+
     def __call__(self, nodal: Array) -> Array:
         """Nodal values at the sampled points, through the cells' own shape functions."""
         N, _ = self.mesh.cell.shape(self._grid[0])
