@@ -54,7 +54,7 @@ def frames(run: Run, what: Quantity, look: Theme, count: int) -> Iterator[Image]
             grid = colours._triangulation
             grid.x, grid.y = x[:, 0].copy(), x[:, 1].copy()
             colours.set_array(now[2])
-            rim.set_segments(x[edges])
+            rim.set_segments(list(x[edges]))
         for marker, values in markers:
             marker.set_data([t], [np.interp(t, run.history["time_s"], values)])
         figure.canvas.draw()

@@ -88,7 +88,9 @@ def scale_note(factor: float) -> str:
     return "true scale" if factor == 1 else f"thickness magnified {factor:g} times"
 
 
-def paint(axis: Any, shape: Shape, x: Array, values: Array, norm: Normalize, cmap: str) -> tuple[Any, Any]:
+def paint(
+    axis: Any, shape: Shape, x: Array, values: Array, norm: Normalize, cmap: str
+) -> tuple[Any, Any]:
     """Smooth colours on the sampled triangles at the points x, in a thin outline.
 
     Returns:
@@ -96,7 +98,9 @@ def paint(axis: Any, shape: Shape, x: Array, values: Array, norm: Normalize, cma
     """
     grid = Triangulation(x[:, 0], x[:, 1], shape.strips.triangles)
     axis.grid(False)
-    rim = LineCollection(x[shape.strips.outline], colors=plt.rcParams["axes.edgecolor"], lw=0.4)
+    rim = LineCollection(
+        list(x[shape.strips.outline]), colors=plt.rcParams["axes.edgecolor"], lw=0.4
+    )
     axis.add_collection(rim)
     colours = axis.tripcolor(grid, values, shading="gouraud", norm=norm, cmap=cmap, rasterized=True)
     return colours, rim
