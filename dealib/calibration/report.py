@@ -21,7 +21,7 @@ _STYLE = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;"
     "color:#222;background:#fff}table{border-collapse:collapse;margin:1rem 0}"
     "th,td{padding:.25rem .9rem;text-align:left;border-bottom:1px solid #ddd}"
-    "img{max-width:100%}@media(prefers-color-scheme:dark){body{color:#ddd;background:#181818}"
+    "table{display:block;overflow-x:auto}img{max-width:100%}@media(prefers-color-scheme:dark){body{color:#ddd;background:#181818}"
     "td,th{border-color:#444}img{background:#fff}}"
 )
 
@@ -65,11 +65,13 @@ def parameters(fitted: Fitted, exact: bool = False) -> Table:
 def correlation(fitted: Fitted) -> Table:
     """Correlation of the parameters."""
     keys = [e.key for e in fitted.estimates]
+    last = [key.rpartition(".")[2] for key in keys]
+    heads = last if len(set(last)) == len(last) else keys  # whole keys make a wide table
     rows: list[Sequence[str]] = [
         (key, *(f"{value:.4f}" for value in row))
         for key, row in zip(keys, fitted.correlation, strict=True)
     ]
-    return ("", *keys), rows
+    return ("", *heads), rows
 
 
 def quality(fitted: Fitted) -> Table:
