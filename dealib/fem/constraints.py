@@ -87,6 +87,11 @@ class ConstraintMap:
         if self.comm.rank == 0:
             q.array[self.owned - len(PORTS) + PORTS.index(name)] = value
 
+    def numbers(self, field: str) -> Ints:
+        """Global numbers of this rank's free unknowns of a field."""
+        first = sum(self.comm.allgather(self.owned)[: self.comm.rank])
+        return np.asarray(first + np.flatnonzero(self.field == FIELDS.index(field)), dtype=np.int32)
+
     def create_vector(self) -> Any:
         """An empty reduced vector."""
         return PETSc.Vec().createMPI((self.owned, None), comm=self.comm)

@@ -9,7 +9,7 @@ symmetric.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from mpi4py import MPI
 
@@ -26,7 +26,13 @@ if TYPE_CHECKING:
 
 
 class Coupling(Protocol):
-    """One way to couple field and body."""
+    """One way to couple field and body.
+
+    Attributes:
+        symmetric: Whether the residual is a derivative of one potential, its tangent symmetric.
+    """
+
+    symmetric: ClassVar[bool]
 
     def residual(self, problem: Problem, test: Any) -> Any:
         """Linear form of the virtual work, internal minus external; zero in equilibrium.
@@ -48,6 +54,8 @@ class Load(Protocol):
 class OnePotential:
     """The energies of body and field are one potential."""
 
+    symmetric: ClassVar[bool] = True
+
     def residual(self, problem: Problem, test: Any) -> Any:
         """See `Coupling`."""
         total = problem.potential(problem.elastic + problem.electric)
@@ -62,6 +70,7 @@ class Loaded:
         load: The load.
     """
 
+    symmetric: ClassVar[bool] = False
     load: Load
 
     def residual(self, problem: Problem, test: Any) -> Any:

@@ -19,15 +19,19 @@ from dealib.fem.system import System, Timings
 
 log = logging.getLogger(__name__)
 
-_PREFIX = "dealib_"
+_PREFIX, _INERTIA_PREFIX = "dealib_", "dealib_inertia_"
 _OPTIONS: dict[str, Any] = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "basic",
     "ksp_type": "preonly",
-    "pc_type": "lu",
     "pc_factor_mat_solver_type": "mumps",
     "mat_mumps_icntl_7": 5,  # METIS
     "mat_mumps_icntl_14": 60,  # room for pivoting, per cent
+}
+_INERTIA_OPTIONS: dict[str, Any] = {
+    "mat_mumps_icntl_7": 5,
+    "mat_mumps_icntl_13": 1,  # no ScaLAPACK at the root, which counts no negative pivots
+    "mat_mumps_icntl_24": 1,  # zero pivots are found and counted
 }
 _STEP = 1e-7  # negligible step: of the film's thickness, of 1 kV, of its shear modulus
 _ROUNDING = 1e4  # how far above the tolerance rounding may keep the residual
@@ -84,9 +88,8 @@ class Newton:
         modulus = shear_modulus(problem.config.materials.film)
         # mm, kV, mm, MPa
         self._step_tolerance = _STEP * np.array([thickness, 1.0, thickness, modulus])
-        options = PETSc.Options()
-        for key, value in _OPTIONS.items():
-            options[_PREFIX + key] = value
+        kind = {"pc_type": "cholesky" if problem.symmetric else "lu"}
+        _set_options(_PREFIX, _OPTIONS | kind)
         self._snes = PETSc.SNES().create(problem.device.mesh.comm)
         self._snes.setOptionsPrefix(_PREFIX)
         self._snes.setFunction(self._residual, self.system.residual_vector)
@@ -128,8 +131,8 @@ class Newton:
     @property
     def factorisation_seconds(self) -> float:
         """Time in symbolic and numeric factorisations and back-substitutions since the start."""
-        events = ("MatLUFactorSym", "MatLUFactorNum", "MatSolve")
-        now = sum(PETSc.Log.Event(e).getPerfInfo()["time"] for e in events)
+        factors = ("MatLUFactorSym", "MatLUFactorNum", "MatCholFctrSym", "MatCholFctrNum")
+        now = sum(PETSc.Log.Event(e).getPerfInfo()["time"] for e in (*factors, "MatSolve"))
         return float(now - self._logged)
 
     def capacitance(self) -> float:
@@ -147,7 +150,7 @@ class Newton:
         unit, response = q.duplicate(), q.duplicate()
         unit.set(0.0)
         system.map.set_port(unit, "terminal", 1.0)
-        unit.assemble()
+        system.eliminate(unit)
         self._snes.getKSP().solve(unit, response)
         volts = system.map.port_values(response)["terminal"]
         trial = q.copy()
@@ -159,6 +162,45 @@ class Newton:
         system.map.expand(q, w)
         return -2 * energy
 
+    def inertia(self) -> tuple[int, int, int]:
+        """Numbers of negative, zero and positive eigenvalues of the tangent at the current q.
+
+        Prescribed ports count as positive. With one-way air the air's mesh is held where it is,
+        since the body feels it by discretisation error only, and counts as positive too.
+
+        Raises:
+            ValueError: If the coupling has no potential, so that its tangent is not symmetric.
+        """
+        system = self.system
+        if not system.problem.coupling.symmetric:
+            raise ValueError("the tangent has an inertia only if physics.coupling is energy")
+        system.residual(system.q, system.residual_vector)
+        system.tangent(system.matrix)
+        matrix = system.matrix.copy()
+        matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+        matrix.zeroRowsColumns(system.map.numbers("air mesh"), 1.0)
+        _set_options(_INERTIA_PREFIX, _INERTIA_OPTIONS)
+        solver = PETSc.PC().create(matrix.comm)
+        solver.setOptionsPrefix(_INERTIA_PREFIX)
+        solver.setType("cholesky")
+        solver.setFactorSolverType("mumps")
+        solver.setOperators(matrix)
+        solver.setUp()
+        negative, zero, positive = solver.getFactorMatrix().getInertia()
+        return int(negative), int(zero), int(positive)
+
+    def unstable_modes(self) -> int:
+        """Number of independent motions that lower the potential, under the ports' equations.
+
+        The potential is concave in phi and in the pressure: of the tangent's negative eigenvalues
+        each free unknown of these accounts for one, and the rest are those of the condensed
+        mechanical tangent (Haynsworth, Linear Algebra Appl. 1 (1968) 73).
+        """
+        system = self.system
+        mine = sum(len(system.map.numbers(field)) for field in ("potential", "pressure"))
+        concave = system.map.comm.allreduce(mine) + (system.ports["terminal"].value is None)
+        return int(self.inertia()[0] - concave)
+
     # --- SNES callbacks --------------------------------------------------------------------------
 
     def _residual(self, _snes: Any, q: Any, out: Any) -> None:
@@ -166,6 +208,7 @@ class Newton:
 
     def _tangent(self, _snes: Any, _q: Any, matrix: Any, _preconditioner: Any) -> None:
         self.system.tangent(matrix)
+        self.system.eliminate(self.system.residual_vector)  # SNES evaluates it anew after the step
         self._factored = True
 
     def _test(self, _snes: Any, iteration: int, norms: tuple[float, float, float]) -> Any:
@@ -198,3 +241,9 @@ class Newton:
         """
         step = self.system.field_norms(self._snes.getSolutionUpdate())
         return bool((step <= self._step_tolerance).all())
+
+
+def _set_options(prefix: str, options: dict[str, Any]) -> None:
+    known = PETSc.Options()
+    for key, value in options.items():
+        known[prefix + key] = value

@@ -68,6 +68,11 @@ class Problem:
         """Quadrature degree: 3 x 3 Gauss points on second-order cells, 2 x 2 on first-order."""
         return 2 * self.spaces.order
 
+    @property
+    def symmetric(self) -> bool:
+        """Whether the tangent is: one potential, and no air, whose mesh moves one-way."""
+        return self.coupling.symmetric and not self.mesh_motion
+
     def fields(self) -> tuple[Any, Any]:
         """Deformation gradient F and nominal field E of the current state."""
         u, phi = ufl.split(self.spaces.w)[:2]

@@ -72,6 +72,7 @@ class System:
         self.problem, self.map, self.timings = problem, problem.constraints, timings
         self.ports = {name: PortLaw(value=0.0) for name in self.map.ports}
         self.internal = dict.fromkeys(self.map.ports, 0.0)
+        self._eliminated: dict[str, Any] = {}
         self.q = self.map.create_vector()
         self.residual_vector = self.map.create_vector()
         self._parts = [("residual", "tangent", self.map.physical)]
@@ -117,17 +118,35 @@ class System:
     # --- tangent ---------------------------------------------------------------------------------
 
     def tangent(self, matrix: Any) -> None:
-        """Assemble dr/dq at the state of the last residual."""
+        """Assemble dr/dq at the state of the last residual.
+
+        A prescribed port loses its column with its row, which keeps the tangent symmetric where the
+        problem is: its step is known, and `eliminate` takes it out of a right-hand side.
+        """
         with self.timings("assembly"):
             matrix.zeroEntries()
             self._assemble(matrix)
-            replaced = [self.map.ports[n] for n, p in self.ports.items() if p.value is not None]
             for name, law in self.ports.items():
                 if law.value is None and law.stiffness and self.map.comm.rank == 0:
                     row = self.map.ports[name]
                     matrix.setValue(row, row, law.stiffness, addv=PETSc.InsertMode.ADD_VALUES)
             matrix.assemble()
-            matrix.zeroRows(replaced if self.map.comm.rank == 0 else [], 1.0)
+            rows = {n: self.map.ports[n] for n, p in self.ports.items() if p.value is not None}
+            self._eliminated = {n: matrix.getColumnVector(row) for n, row in rows.items()}
+            matrix.zeroRowsColumns(list(rows.values()) if self.map.comm.rank == 0 else [], 1.0)
+
+    def eliminate(self, right: Any) -> None:
+        """Make a right-hand side fit the last tangent: take the prescribed ports' steps out of it.
+
+        Args:
+            right: Of the equations dr/dq x = right, with x itself in the prescribed ports' rows.
+        """
+        steps = self.map.port_values(right)
+        for name, column in self._eliminated.items():
+            right.axpy(-steps[name], column)
+        for name in self._eliminated:
+            self.map.set_port(right, name, steps[name])
+        right.assemble()
 
     def _assemble(self, matrix: Any) -> None:
         for (_, form, _), rows in zip(self._parts, self._rows, strict=True):
