@@ -146,6 +146,8 @@ class ArrudaBoyce(Law):
     def from_youngs_modulus(modulus: float, given: Mapping[str, Any]) -> dict[str, Any]:
         """E/3 is the shear modulus at rest, kappa = 50/3 E; the locking stretch as it is given."""
         z = float(given["locking_stretch"]) ** -2
+        if z >= 1:
+            raise ValueError("chains cannot lock before they are stretched")
         at_rest = 2 / 3 * (1 / 2 - z / 10 - z**2 / 5 + 1 / (1 - z))
         return {"shear_modulus": modulus / 3 / at_rest, "bulk_modulus": 50 / 3 * modulus}
 
