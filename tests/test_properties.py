@@ -33,7 +33,7 @@ def film(law, **parameters):
 
 
 def of_modulus(law, modulus):
-    return film(law, youngs_modulus=f"{modulus!r} MPa")
+    return film(law, **LAWS[law].example() | {"youngs_modulus": f"{modulus!r} MPa"})
 
 
 laws = st.builds(of_modulus, st.sampled_from(sorted(LAWS)), st.floats(0.1, 10))

@@ -19,13 +19,13 @@ def list_laws() -> str:
         rows.append(f"{name}: {(law.__doc__ or '').splitlines()[0].partition(': ')[2]}")
         for parameter in law.names():
             rows.append(f"    {parameter:<16} {law.model_fields[parameter].description}")
-    rows.append("each also takes youngs_modulus alone, by the thesis's rule; moduli with their")
-    rows.append("unit, such as '0.25 MPa'")
+    rows.append("each also takes youngs_modulus in place of its moduli, by the thesis's rule;")
+    rows.append("moduli with their unit, such as '0.25 MPa'")
     return "\n".join(rows)
 
 
 def given_law(name: str, settings: list[str]) -> Law:
-    """A law with `key=value` parameters; with Young's modulus 1 MPa if there are none.
+    """A law with `key=value` parameters; with those of its example if there are none.
 
     Raises:
         ConfigError: If the law or a parameter is unknown or wrong.
@@ -43,7 +43,7 @@ def given_law(name: str, settings: list[str]) -> Law:
             raise ConfigError(f"--set {setting}: unknown parameter{did_you_mean(key, known)}")
         values[key] = value.strip()
     try:
-        return law.model_validate({"law": name} | (values or {"youngs_modulus": "1 MPa"}))
+        return law.model_validate({"law": name} | (values or law.example()))
     except ValidationError as error:
         found = [
             f"{'.'.join(map(str, e['loc']))}: {e['msg'].removeprefix('Value error, ')}".lstrip(": ")
@@ -76,14 +76,16 @@ def plot_law(law: Law, name: str, largest: float, out: Path, dark: bool, overwri
     Raises:
         ConfigError: If the picture cannot be written there.
     """
-    from dealib.materials.response import MODES, stability_limit
+    from dealib.materials.response import MODES, locking_stretch, stability_limit
     from dealib.plots.materials import draw_law
     from dealib.plots.style import FORMATS, check_target
 
     check_target(out, FORMATS, overwrite)
     draw_law(law, name, largest, out, dark)
     for mode in MODES:
-        limit = stability_limit(law, mode)
-        text = "stable up to a stretch of 10" if limit == float("inf") else f"stable to {limit:.4f}"
+        limit, end = stability_limit(law, mode), locking_stretch(law, mode)
+        text = f"stable to {limit:.4f}"
+        if limit == float("inf"):
+            text = "stable up to a stretch of 10" if end == limit else f"stable; locks at {end:.4f}"
         typer.echo(f"{mode:<14} {text}")
     typer.echo(str(out))

@@ -16,7 +16,7 @@ from pydantic import (
 from dealib.config.program import Stage
 from dealib.config.section import Section
 from dealib.errors import ValueAt
-from dealib.materials.laws import LAWS, Law
+from dealib.materials.laws import LAWS, Law, invariants_of_stretches
 from dealib.units import Length, Stress
 
 
@@ -164,6 +164,14 @@ class Materials(Section):
     electrode: ElectrodeMaterial | None = Field(
         None, description="of both electrodes; needed if electrode_thickness is above zero"
     )
+
+    @model_validator(mode="after")
+    def _prestretch_possible(self) -> Materials:
+        radial, hoop = self.film.prestretch
+        mounted = invariants_of_stretches(radial, hoop, 1 / (radial * hoop))
+        if self.film.extension(mounted, self.film.values) >= 1:
+            raise ValueAt(("film", "prestretch"), f"{self.film.law} locks before this stretch")
+        return self
 
 
 # --- physics and solver --------------------------------------------------------------------------

@@ -77,6 +77,10 @@ class Hyperelastic:
             return self.law.energy(invariants(F), self.parameters)
         return self.law.energy(invariants(self.total(F)), self.parameters) / self.volume
 
+    def extension(self, F: Any) -> Any:
+        """Share of the law's extensibility that is used (see `Law.extension`)."""
+        return self.law.extension(invariants(self.total(F)), self.parameters)
+
     @property
     def volume(self) -> Any:
         """Mesh volume per unstretched volume, det F_p."""

@@ -126,6 +126,8 @@ class Newton:
             }
             what = known.get(reason, f"SNES reason {reason}")
             raise NotConverged(f"{what} (residual over tolerance: {worst or 'ports'})")
+        if self.system.problem.locked():
+            raise NotConverged("a law locks: it is stretched to 99 % of its limit")
         return int(self.iterations)
 
     @property

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 from mpi4py import MPI
@@ -49,6 +48,7 @@ class Problem:
         mesh_motion: Fictitious energies that only move the air's mesh.
         prestretch: Constant (radial, thickness, hoop) of the film.
         coupling: How the electric field loads the body.
+        locking: Constant: the share of a law's extensibility that `locked` asks for.
     """
 
     config: Config
@@ -61,6 +61,7 @@ class Problem:
     mesh_motion: list[Energy]
     prestretch: Any
     coupling: Coupling
+    locking: Any
     _forms: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -104,8 +105,9 @@ class Problem:
         """A compiled form by name, or None where the device has no such part.
 
         Args:
-            name: 'elastic', 'electric' (energies); 'residual', 'tangent' (of both, coupled);
-                'mesh_residual', 'mesh_tangent' (of the air's fictitious elasticity).
+            name: 'elastic', 'electric' (energies); 'locked' (area near a law's limit);
+                'residual', 'tangent' (of both, coupled); 'mesh_residual', 'mesh_tangent' (of the
+                air's fictitious elasticity).
         """
         if name not in self._forms:
             self._forms[name] = self._compile(name)
@@ -113,6 +115,8 @@ class Problem:
 
     def _compile(self, name: str) -> Any:
         W, w = self.spaces.W, self.spaces.w
+        if name == "locked":
+            return compat.form(self._locked_volume())
         if name in ("elastic", "electric"):
             return compat.form(self.potential(getattr(self, name)))
         if name.startswith("mesh"):
@@ -124,6 +128,33 @@ class Problem:
         if name.endswith("residual"):
             return compat.form(first)
         return compat.form(ufl.derivative(first, w, ufl.TrialFunction(W)))
+
+    def locked(self, share: float = 0.99) -> bool:
+        """Whether a law is somewhere stretched to a share of its limit (see `Law.extension`).
+
+        At 99 % it is dozens of times as stiff as at rest, and a body that is stretched on grows in
+        volume instead; beyond 100 % the derivatives of its energy are finite but mean nothing.
+        """
+        if not any(part.law.locks for part in self._solids):
+            return False
+        self.locking.value = share
+        return self.integrate("locked") > 0
+
+    @property
+    def _solids(self) -> list[Hyperelastic]:
+        parts = [getattr(part, "solid", part) for part in self.elastic]
+        return [part for part in parts if isinstance(part, Hyperelastic)]
+
+    def _locked_volume(self) -> Any:
+        """Mesh area in which a law is stretched to the share `locking` of its limit."""
+        F, _ = self.fields()
+        terms = [
+            ufl.conditional(ufl.ge(part.extension(F), self.locking), 1.0, 0.0)
+            * self.measure(part.kind)
+            for part in self._solids
+            if part.law.locks
+        ]
+        return sum(terms[1:], terms[0])
 
     def set_prestretch(self, fraction: float) -> None:
         """Pre-stretch the film by a fraction (0: none, 1: all) of the config's pre-stretch."""
@@ -153,7 +184,7 @@ class Problem:
 
 def shear_modulus(law: Law) -> float:
     """Shear modulus of a law at rest, MPa, from its energy under a small pure shear."""
-    d, p = 1e-3, SimpleNamespace(**law.parameters)
+    d, p = 1e-3, law.values
     return float(law.energy(invariants_of_stretches(1 + d, 1 / (1 + d), 1.0), p) / (2 * d**2))
 
 
@@ -210,4 +241,5 @@ def problem_on(device: Device, config: Config, held: list[Support]) -> Problem:
         mesh_motion=motion,
         prestretch=prestretch,
         coupling=COUPLINGS[config.physics.coupling],
+        locking=constant(mesh, 1.0),
     )

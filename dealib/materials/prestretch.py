@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+import math
+from collections.abc import Callable
 
 from dealib.materials.laws import Law, invariants_of_stretches
 
@@ -20,19 +21,47 @@ def thickness_stretch(law: Law, radial: float, hoop: float) -> float:
     """
     from scipy.optimize import brentq
 
-    p = SimpleNamespace(**law.parameters)
+    p = law.values
 
     def stress(lz: float) -> float:
         h = 1e-30  # complex step: exact to rounding
         return float(law.energy(invariants_of_stretches(radial, hoop, lz + 1j * h), p).imag / h)
 
-    isochoric = 1 / (radial * hoop)
     if radial == hoop == 1:
         return 1.0  # exactly: every law is stress-free at rest
-    try:
-        return float(brentq(stress, isochoric / 2, isochoric * 2, xtol=1e-15, rtol=1e-14))
-    except ValueError:
+    ends = bracket(stress, 1 / (radial * hoop), 2.0)
+    if ends is None:
         raise ValueError(
             f"{law.__class__.__name__}: no thickness stretch without thickness stress at the "
             f"pre-stretch ({radial:g}, {hoop:g})"
-        ) from None
+        )
+    return float(brentq(stress, *ends, xtol=1e-15, rtol=1e-14))
+
+
+def bracket(
+    stress: Callable[[float], float], guess: float, width: float
+) -> tuple[float, float] | None:
+    """Where a stress that grows with the stretch changes sign: between guess / width and times it.
+
+    A law that locks has no stress (NaN) far from the guess; its stress grows without bound before.
+    """
+    low = _end(lambda x: -stress(x), guess, guess / width)
+    high = _end(stress, guess, guess * width)
+    return None if low is None or high is None else (low, high)
+
+
+def _end(stress: Callable[[float], float], inner: float, outer: float) -> float | None:
+    """A stretch up to an outer one at which a stress is positive, found by bisection from NaN."""
+    x = outer
+    for _ in range(60):
+        found = stress(x)
+        if found > 0:
+            return x
+        if math.isnan(found):
+            outer = x
+        elif x == outer:
+            return None
+        else:
+            inner = x
+        x = (inner + outer) / 2
+    return None

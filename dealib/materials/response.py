@@ -6,21 +6,20 @@ Stretches are principal stretches from the unstretched state, stresses are in MP
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from dealib.materials.laws import Law, invariants_of_stretches
-from dealib.materials.prestretch import thickness_stretch
+from dealib.materials.prestretch import bracket, thickness_stretch
 
 Array = npt.NDArray[np.float64]
 
 
 def nominal_stress(law: Law, stretches: Any) -> Array:
     """Principal nominal stresses dW/dl_i, shape (..., 3), by complex steps (exact to rounding)."""
-    l, p, h = np.asarray(stretches, dtype=complex), SimpleNamespace(**law.parameters), 1e-30
+    l, p, h = np.asarray(stretches, dtype=complex), law.values, 1e-30
     out = np.empty(l.shape)
     for i in range(3):
         moved = l.copy()
@@ -41,10 +40,12 @@ def uniaxial(law: Law, stretch: float) -> tuple[float, float, float]:
         return float(nominal_stress(law, (stretch, t, t))[1])
 
     guess = stretch**-0.5
-    try:
-        t = guess if stretch == 1 else float(brentq(lateral, 0.7 * guess, 1.4 * guess, xtol=1e-14))
-    except ValueError:
-        raise ValueError(f"no lateral stretch without stress at the stretch {stretch:g}") from None
+    if stretch == 1:
+        return 1.0, 1.0, 1.0
+    ends = bracket(lateral, guess, 1.4)
+    if ends is None:
+        raise ValueError(f"no lateral stretch without stress at the stretch {stretch:g}")
+    t = float(brentq(lateral, *ends, xtol=1e-14))
     return stretch, t, t
 
 
@@ -108,21 +109,27 @@ def stiffness(law: Law, first: Any, second: Any) -> Array:
         first: In-plane stretches.
         second: The others.
     """
-    p = SimpleNamespace(**law.parameters)
+    p = law.values
     x, y = np.log(np.asarray(first, dtype=float)), np.log(np.asarray(second, dtype=float))
 
-    def energy(a: float, b: float) -> Array:
-        # orthonormal directions at constant volume: (1, -1, 0) and (1, 1, -2)
-        u, v = a / np.sqrt(2), b / np.sqrt(6)
-        l1, l2 = np.exp(x + u + v), np.exp(y - u + v)
-        return np.asarray(law.energy(invariants_of_stretches(l1, l2, 1 / (l1 * l2)), p))
+    step, imaginary = 1e-8, 1e-30j
 
-    h = 2e-4
+    def slopes(a: float, b: float) -> tuple[Array, Array]:
+        # orthonormal directions at constant volume: (1, -1, 0) and (1, 1, -2)
+        found = []
+        for da, db in ((imaginary, 0), (0, imaginary)):
+            u, v = (a + da) / np.sqrt(2), (b + db) / np.sqrt(6)
+            l1, l2 = np.exp(x + u + v), np.exp(y - u + v)
+            w = law.energy(invariants_of_stretches(l1, l2, 1 / (l1 * l2)), p)
+            found.append(np.imag(w) / imaginary.imag)
+        return found[0], found[1]
+
+    def change(a: float, b: float) -> tuple[Array, Array]:
+        up, down = slopes(a, b), slopes(-a, -b)
+        return (up[0] - down[0]) / (2 * step), (up[1] - down[1]) / (2 * step)
+
     with np.errstate(all="ignore"):  # beyond a law's locking stretch there is no energy
-        w = energy(0, 0)
-        aa = (energy(h, 0) - 2 * w + energy(-h, 0)) / h**2
-        bb = (energy(0, h) - 2 * w + energy(0, -h)) / h**2
-        ab = (energy(h, h) - energy(h, -h) - energy(-h, h) + energy(-h, -h)) / (4 * h**2)
+        (aa, ab), (_, bb) = change(step, 0), change(0, step)
         return np.asarray((aa + bb) / 2 - np.sqrt((aa - bb) ** 2 / 4 + ab**2))
 
 
@@ -144,3 +151,16 @@ def stability_limit(law: Law, mode: str, largest: float = 10.0) -> float:
     if len(lost) == 0 or (len(locked) and locked[0] < lost[0]):
         return float("inf")
     return float(brentq(value, stretches[lost[0] - 1], stretches[lost[0]], xtol=1e-9))
+
+
+def locking_stretch(law: Law, mode: str, largest: float = 10.0) -> float:
+    """Stretch above 1 at which an incompressible law locks in a mode; infinity up to `largest`."""
+    from scipy.optimize import brentq
+
+    def left(l: float) -> float:
+        second = float(_SECOND[mode](np.asarray(l)))
+        return 1 - float(
+            law.extension(invariants_of_stretches(l, second, 1 / l / second), law.values)
+        )
+
+    return float("inf") if left(largest) > 0 else float(brentq(left, 1.0, largest, xtol=1e-12))

@@ -30,6 +30,5 @@ def draw_law(law: Law, name: str, largest: float, picture: Path, dark: bool = Fa
             axis.set(xlabel="stretch", ylabel=f"{kind} stress (MPa)", xlim=(1, largest))
             axis.axhline(0, color=look.ink, lw=0.6)
         axes[0].legend()
-        values = ", ".join(f"{k} {v:.4g} MPa" for k, v in law.parameters.items())
-        figure.suptitle(f"{name}: {values}", fontsize=11)
+        figure.suptitle(f"{name}: {law.words}", fontsize=11)
         save(figure, picture)

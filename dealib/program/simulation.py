@@ -188,6 +188,9 @@ class Simulation:
         voltage = any(
             d.kind == "value" and d.label == "terminal.voltage" and d.at(at) != 0 for d in drives
         )
+        self.newton.system.map.expand(self.newton.system.q, self.problem.spaces.w)
+        if self.problem.locked(0.9):
+            hint = "less load, for a law is stretched to over 90 % of its limit"
         if stage.stage == "prestrain":
             return f"stage 'prestrain' stopped at {at:.4g} of the pre-stretch; {hint}"
         if voltage:

@@ -6,7 +6,6 @@ Tensors have components (R, Z, theta); only RZ is off the diagonal.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -87,7 +86,7 @@ def second_pk(
 
 def _derivatives(law: Law, i: Invariants) -> Invariants:
     """dW/dI1, dW/dI2, dW/dJ by complex steps, exact to rounding."""
-    p, h = SimpleNamespace(**law.parameters), 1e-30
+    p, h = law.values, 1e-30
     found = {}
     for name in ("I1", "I2", "J"):
         moved: dict[str, Any] = {n: getattr(i, n) + 0j for n in ("I1", "I2", "J")}

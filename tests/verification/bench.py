@@ -31,7 +31,7 @@ def config(geometry: dict[str, Any], film: dict[str, Any], **sections: Any) -> C
     )
 
 
-_PLAIN = ("relative_permittivity", "prestretch", "law")
+_PLAIN = ("relative_permittivity", "prestretch", "law", "j_lim", "locking_stretch")
 
 
 def _in(section: dict[str, Any], unit: str) -> dict[str, Any]:

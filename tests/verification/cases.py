@@ -16,6 +16,7 @@ from verification.table import Case
 CASES = (
     Case("free_block-neo_hookean", free_block.neo_hookean),
     Case("free_block-mooney_rivlin", free_block.mooney_rivlin),
+    Case("free_block-gent", free_block.gent),
     Case("membrane-tabulated", membrane.tabulated, slow=True),
     Case("membrane-voltage", membrane.voltage),
     Case("membrane-no_voltage", membrane.no_voltage, slow=True),

@@ -13,6 +13,7 @@ the block is followed by its charge.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -36,19 +37,51 @@ FREE = [
     Support("phi", names.FILM_TOP, "terminal"),
     Support("phi", names.FILM_BOTTOM),
 ]
-Energy = Callable[[Any, Any, float], Any]
 
 
-def law(second: float, kappa: float) -> dict[str, Any]:
-    """Parameters: the share of the second Mooney-Rivlin constant in mu/2, the bulk modulus."""
-    if second == 0:
-        return {"law": "neo_hookean", "shear_modulus": MU, "bulk_modulus": kappa}
+@dataclass(frozen=True)
+class Rubber:
+    """A law of the block with the shear modulus MU.
+
+    Attributes:
+        name: As the table shows it.
+        isochoric: Its energy by the isochoric invariants I1 and I2, without the volumetric part.
+        given: Its parameters as in a config, MPa.
+        stiffening: phi~^2 over the neo-Hookean l^-2 - l^-8, by l, when incompressible.
+    """
+
+    name: str
+    isochoric: Callable[[Any, Any], Any]
+    given: dict[str, Any]
+    stiffening: Callable[[float], float]
+
+
+def mooney_rivlin_of(second: float) -> Rubber:
+    """Mooney-Rivlin (neo-Hookean at 0) by the share of the second constant in mu/2."""
     c10, c01 = MU / 2 * (1 - second), MU / 2 * second
-    return {"law": "mooney_rivlin", "c10": c10, "c01": c01, "bulk_modulus": kappa}
+    given = {"law": "mooney_rivlin", "c10": c10, "c01": c01}
+    if second == 0:
+        given = {"law": "neo_hookean", "shear_modulus": MU}
+    return Rubber(
+        f"Mooney-Rivlin C2/(C1+C2) = {second:g}" if second else "neo-Hooke",
+        lambda I1, I2: c10 * (I1 - 3) + c01 * (I2 - 3),
+        given,
+        lambda l: 1 - second + second * l**2,
+    )
+
+
+def gent_of(limit: float) -> Rubber:
+    """Gent's law by the limit of I1 - 3."""
+    return Rubber(
+        f"Gent J_lim = {limit:g}",
+        lambda I1, I2: -MU / 2 * limit * np.log(1 - (I1 - 3) / limit),
+        {"law": "gent", "shear_modulus": MU, "j_lim": limit},
+        lambda l: limit / (limit + 3 - 2 * l**2 - l**-4),
+    )
 
 
 def closed_form(
-    second: float, kappa: float, charge: float, start: float
+    rubber: Rubber, kappa: float, charge: float, start: float
 ) -> tuple[float, float, float]:
     """Voltage (kV), stretch l and C/C0 of the block at a charge (uC), searched from a stretch."""
     area = np.pi * (RADII[1] ** 2 - RADII[0] ** 2)
@@ -59,8 +92,8 @@ def closed_form(
     def energy(l: Any, lz: Any) -> Any:  # elastic and electric at a given charge
         J, trace = l * l * lz, 2 * l * l + lz * lz
         minors = l**4 + 2 * l * l * lz * lz
-        w = MU / 2 * (1 - second) * (J ** (-2 / 3) * trace - 3)
-        w += MU / 2 * second * (J ** (-4 / 3) * minors - 3) + kappa / 2 * (J - 1) ** 2
+        w = rubber.isochoric(J ** (-2 / 3) * trace, J ** (-4 / 3) * minors)
+        w += kappa / 2 * (J - 1) ** 2
         return area * THICKNESS * w + charge**2 / (2 * capacitance(l, lz))
 
     def forces(x: Any) -> list[float]:
@@ -73,11 +106,11 @@ def closed_form(
     return charge / capacitance(l, lz), float(l), float(l * l / lz)
 
 
-def block(second: float, kappa: float) -> Bench:
+def block(rubber: Rubber, kappa: float) -> Bench:
     """The block in finite elements."""
     given = config(
         dict(inner_radius=RADII[0], outer_radius=RADII[1], film_thickness=THICKNESS),
-        law(second, kappa),
+        rubber.given | {"bulk_modulus": kappa},
         mesh={"columns": 4, "film_rows": 1, "grading": "uniform"},
     )
     return Bench(problem_on(build_device(given, MPI.COMM_WORLD), given, FREE))
@@ -99,16 +132,16 @@ def stretch(bench: Bench) -> float:
     return 1 + bench.largest("u_R", names.OUTER) / RADII[1]
 
 
-def _rows(name: str, second: float, peak: tuple[float, float]) -> Iterator[Row]:
-    phi_peak, l_peak = peak
+def _rows(rubber: Rubber, peak: tuple[float, float]) -> Iterator[Row]:
+    name, (phi_peak, l_peak) = rubber.name, peak
     # the compressible closed form at the same bulk modulus, before, at and beyond the peak
     kappa = 50.0
-    bench = block(second, kappa)
+    bench = block(rubber, kappa)
     for l in (1.15, 1.26, 1.6):
-        phi = np.sqrt((l**-2 - l**-8) * (1 - second + second * l**2))
+        phi = np.sqrt((l**-2 - l**-8) * rubber.stiffening(l))
         charge = charge_at(phi, l)
         bench.load(terminal=charge)
-        voltage, exact, gain = closed_form(second, kappa, charge, l)
+        voltage, exact, gain = closed_form(rubber, kappa, charge, l)
         case = f"free block, {name}, kappa/mu = 50, l = {exact:.3f}"
         computed = charge / bench.voltage / (EPSILON * np.pi * 75 / THICKNESS)
         for quantity, reference, value in (
@@ -118,7 +151,7 @@ def _rows(name: str, second: float, peak: tuple[float, float]) -> Iterator[Row]:
         ):
             yield Row(case, quantity, reference, value, 1e-6, "homogeneous state, scipy")
     # the incompressible limit and its peak
-    bench = block(second, 1e5)
+    bench = block(rubber, 1e5)
     top = charge_at(phi_peak, l_peak)
 
     def drop(charge: float) -> float:
@@ -139,5 +172,6 @@ def _kv() -> float:
     return THICKNESS * float(np.sqrt(MU / EPSILON))  # voltage of phi~ = 1
 
 
-neo_hookean = partial(_rows, "neo-Hooke", 0.0, (0.687365, 2 ** (1 / 3)))
-mooney_rivlin = partial(_rows, "Mooney-Rivlin C2/(C1+C2) = 0.2", 0.2, (0.731118, 1.32077))
+neo_hookean = partial(_rows, mooney_rivlin_of(0.0), (0.687365, 2 ** (1 / 3)))
+mooney_rivlin = partial(_rows, mooney_rivlin_of(0.2), (0.731118, 1.32077))
+gent = partial(_rows, gent_of(90.0), (0.689590, 1.26426))
