@@ -137,7 +137,8 @@ EDITS = [
      "14:20: materials.film.shear_modulus: give either youngs_modulus or the law's own parameters",
      "1 MPa"),
     ("a law's parameter besides the modulus", "law: neo_hookean\n    youngs",
-     "law: gent\n    youngs", "12:10: materials.film.law: gent needs j_lim besides youngs_modulus", "gent"),
+     "law: gent\n    youngs", "12:10: materials.film.law: gent needs j_lim besides youngs_modulus",
+     "gent"),
     ("a locking law without parameters", "neo_hookean\n    youngs_modulus: 3 MPa", "arruda_boyce",
      "17:10: materials.electrode.law: arruda_boyce needs shear_modulus and locking_stretch and "
      "bulk_modulus, or youngs_modulus and locking_stretch", "arruda_boyce"),
