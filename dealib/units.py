@@ -11,7 +11,7 @@ import math
 import re
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
-from pydantic import BeforeValidator, PlainSerializer, WithJsonSchema
+from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema
 
 if TYPE_CHECKING:
     import pint
@@ -145,6 +145,15 @@ def _quantity(dimension: str) -> Any:
             }
         ),
     ]
+
+
+def list_of(kind: Any) -> Any:
+    """A type for one or several values of a kind; one stands for a list of one."""
+    listed = BeforeValidator(
+        lambda value: list(value) if isinstance(value, (list, tuple)) else [value],
+        json_schema_input_type=kind | tuple[kind, ...],
+    )
+    return Annotated[tuple[kind, ...], Field(min_length=1), listed]
 
 
 if TYPE_CHECKING:

@@ -152,6 +152,13 @@ EDITS = [
     ("a pre-stretch beyond locking", "law: neo_hookean\n    youngs_modulus: 1 MPa",
      "law: gent\n    j_lim: 0.1\n    youngs_modulus: 1 MPa",
      "16:17: materials.film.prestretch: gent locks before this stretch", "1.1"),
+    ("Ogden's lists", "neo_hookean\n    youngs_modulus: 3 MPa",
+     "ogden\n    mu: [1 MPa, 2 MPa]\n    alpha: 2\n    bulk_modulus: 50 MPa",
+     "19:12: materials.electrode.alpha: 1 exponents for 2 moduli mu", "2"),
+    ("Ogden's stiffness", "neo_hookean\n    youngs_modulus: 3 MPa",
+     "ogden\n    mu: 1 MPa\n    alpha: -2\n    bulk_modulus: 50 MPa",
+     "18:9: materials.electrode.mu: the sum of mu_i alpha_i must be positive: it is twice the "
+     "shear modulus", "1 MPa"),
     ("unstable Mooney-Rivlin", "law: neo_hookean\n    youngs_modulus: 3 MPa",
      "law: mooney_rivlin\n    c10: 1 MPa\n    c01: -1 MPa\n    bulk_modulus: 50 MPa",
      "19:10: materials.electrode.c01: c10 + c01 must be positive: it is half the shear modulus at "

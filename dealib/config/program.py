@@ -2,27 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
-from pydantic import (
-    BeforeValidator,
-    Field,
-    model_validator,
-)
+from pydantic import Field, model_validator
 
 from dealib.config.section import Section
 from dealib.errors import ValueAt
-from dealib.units import Charge, Force, Length, Mass, Stiffness, Time, Voltage
-
-
-def _polyline(value: object) -> object:
-    return value if isinstance(value, list) else [value]
-
-
-def _list_of(kind: Any) -> Any:
-    shape = BeforeValidator(_polyline, json_schema_input_type=kind | tuple[kind, ...])
-    return Annotated[tuple[kind, ...], Field(min_length=1), shape]
-
+from dealib.units import Charge, Force, Length, Mass, Stiffness, Time, Voltage, list_of
 
 if TYPE_CHECKING:
     Lengths: TypeAlias = tuple[float, ...]
@@ -31,8 +17,8 @@ if TYPE_CHECKING:
     Voltages: TypeAlias = tuple[float, ...]
     Charges: TypeAlias = tuple[float, ...]
 else:
-    Lengths, Forces, Masses = _list_of(Length), _list_of(Force), _list_of(Mass)
-    Voltages, Charges = _list_of(Voltage), _list_of(Charge)
+    Lengths, Forces, Masses = list_of(Length), list_of(Force), list_of(Mass)
+    Voltages, Charges = list_of(Voltage), list_of(Charge)
 
 
 class Spring(Section):

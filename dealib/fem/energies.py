@@ -52,7 +52,7 @@ def invariants(F: Any) -> Invariants:
     C = F.T * F
     trace = ufl.tr(C)
     a = J ** (-2.0 / 3.0)
-    return Invariants(a * trace, a**2 * (trace**2 - ufl.inner(C, C)) / 2, J)
+    return Invariants(a * trace, a**2 * (trace**2 - ufl.inner(C, C)) / 2, J, a * C[2, 2])
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, ClassVar, get_args
 
@@ -24,18 +24,21 @@ class Invariants:
         I1: First isochoric invariant, J^(-2/3) tr C.
         I2: Second isochoric invariant, J^(-4/3) (tr(C)^2 - tr(C^2)) / 2.
         J: det F.
+        hoop: A principal value of J^(-2/3) C: the one of the hoop direction.
     """
 
     I1: Any
     I2: Any
     J: Any
+    hoop: Any
 
 
 def invariants_of_stretches(l1: Any, l2: Any, l3: Any) -> Invariants:
-    """Invariants at principal stretches (numbers or arrays, real or complex)."""
+    """Invariants at principal stretches (numbers or arrays, real or complex), l3 the hoop's."""
     a, b, c = l1 * l1, l2 * l2, l3 * l3
     J = l1 * l2 * l3
-    return Invariants(J ** (-2 / 3) * (a + b + c), J ** (-4 / 3) * (a * b + b * c + c * a), J)
+    q = J ** (-2 / 3)
+    return Invariants(q * (a + b + c), q * q * (a * b + b * c + c * a), J, q * c)
 
 
 class Law(BaseModel):
@@ -95,7 +98,7 @@ class Law(BaseModel):
     @classmethod
     def isochoric_energy(cls, i: Invariants, p: Any) -> Any:
         """The energy without its volumetric part: `energy` at J = 1."""
-        return cls.energy(Invariants(i.I1, i.I2, 1.0), p)
+        return cls.energy(replace(i, J=1.0), p)
 
     @staticmethod
     def extension(i: Invariants, p: Any) -> Any:

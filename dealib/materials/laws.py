@@ -9,14 +9,20 @@ isochoric invariants, plus bulk_modulus/2 (J - 1)^2, which the mixed form replac
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
 from pydantic import Field, model_validator
 
 from dealib.errors import ValueAt
-from dealib.materials.functions import ln
+from dealib.materials.functions import chebyshev, ln
 from dealib.materials.law import Invariants, Law, invariants_of_stretches
-from dealib.units import Stress
+from dealib.units import Stress, list_of
+
+if TYPE_CHECKING:
+    Stresses: TypeAlias = tuple[float, ...]
+    Exponents: TypeAlias = tuple[float, ...]
+else:
+    Stresses, Exponents = list_of(Stress), list_of(float)
 
 __all__ = ["LAWS", "Invariants", "Law", "invariants_of_stretches"]
 
@@ -172,6 +178,54 @@ class ArrudaBoyce(Law):
     def extension(i: Invariants, p: Any) -> Any:
         """See `Law`: sqrt(I1/3) / L."""
         return (i.I1 / 3) ** 0.5 / p.locking_stretch
+
+
+class Ogden(Law):
+    """Ogden: W = sum of mu_i/alpha_i (l1^a_i + l2^a_i + l3^a_i - 3) + kappa/2 (J - 1)^2, a = alpha.
+
+    The l are the isochoric principal stretches; any number of terms; sum of mu_i alpha_i = 2 G.
+    R. W. Ogden, Proc. R. Soc. Lond. A 326, 565-584 (1972).
+    """
+
+    law: Literal["ogden"]
+    mu: Stresses = Field(description="moduli mu_i, one for each term")
+    alpha: Exponents = Field(
+        examples=[[1.3, 5.0, -2.0]], description="exponents alpha_i, one for each term"
+    )
+    bulk_modulus: Stress = Field(gt=0, description="bulk modulus kappa")
+
+    besides: ClassVar[tuple[str, ...]] = ("alpha",)
+
+    @staticmethod
+    def from_youngs_modulus(modulus: float, given: Mapping[str, Any]) -> dict[str, Any]:
+        """Each term has the same share of G = E/3 at rest, kappa = 50/3 E."""
+        alpha = given["alpha"] if isinstance(given["alpha"], list) else [given["alpha"]]
+        shares = [2 / 3 * modulus / len(alpha) / float(a) for a in alpha]
+        return {"mu": shares, "bulk_modulus": 50 / 3 * modulus}
+
+    @staticmethod
+    def energy(i: Invariants, p: Any) -> Any:
+        """Strain energy density, MPa, from the hoop stretch and the sum of all three (squared)."""
+        c = i.hoop
+        coincidence = (i.I1 - c) / 2 * c**0.5  # 1 where the other two stretches are equal
+        w = p.bulk_modulus / 2 * (i.J - 1) ** 2
+        for k in range(len(p.mu)):
+            mu, alpha = p.mu[k], p.alpha[k]
+            others = 2 * c ** (-alpha / 4) * chebyshev(coincidence, alpha / 2)
+            w = w + mu / alpha * (others + c ** (alpha / 2) - 3)
+        return w
+
+    @model_validator(mode="after")
+    def _stiff_at_rest(self) -> Ogden:
+        if len(self.mu) != len(self.alpha):
+            raise ValueAt(("alpha",), f"{len(self.alpha)} exponents for {len(self.mu)} moduli mu")
+        if 0 in self.alpha:
+            raise ValueAt(("alpha",), "an exponent must not be 0")
+        if sum(m * a for m, a in zip(self.mu, self.alpha, strict=True)) <= 0:
+            raise ValueAt(
+                ("mu",), "the sum of mu_i alpha_i must be positive: it is twice the shear modulus"
+            )
+        return self
 
 
 LAWS: dict[str, type[Law]] = {law.name(): law for law in Law.__subclasses__()}

@@ -71,7 +71,8 @@ def second_pk(
     J = np.linalg.det(total)
     trace = np.trace(C, axis1=-2, axis2=-1)
     second = (trace**2 - np.einsum("...ij,...ij", C, C)) / 2
-    i = Invariants(J ** (-2 / 3) * trace, J ** (-4 / 3) * second, J)
+    hoop = C[..., 2, 2]
+    i = Invariants(J ** (-2 / 3) * trace, J ** (-4 / 3) * second, J, J ** (-2 / 3) * hoop)
     d = _derivatives(law, i)
     C_inverse, one = inverse(C), np.eye(3)
 
@@ -80,16 +81,18 @@ def second_pk(
 
     S = 2 * times(d.I1 * J ** (-2 / 3), one - times(trace / 3, C_inverse))
     S += 2 * times(d.I2 * J ** (-4 / 3), times(trace, one) - C - times(2 / 3 * second, C_inverse))
+    along = np.diag([0.0, 0.0, 1.0])
+    S += 2 * times(d.hoop * J ** (-2 / 3), along - times(hoop / 3, C_inverse))
     S += times((d.J if pressure is None else pressure) * J, C_inverse)
     return np.asarray(P @ S @ P / np.linalg.det(P))
 
 
 def _derivatives(law: Law, i: Invariants) -> Invariants:
-    """dW/dI1, dW/dI2, dW/dJ by complex steps, exact to rounding."""
+    """Derivatives of W by complex steps, exact to rounding."""
     p, h = law.values, 1e-30
     found = {}
-    for name in ("I1", "I2", "J"):
-        moved: dict[str, Any] = {n: getattr(i, n) + 0j for n in ("I1", "I2", "J")}
+    for name in vars(i):
+        moved: dict[str, Any] = {n: value + 0j for n, value in vars(i).items()}
         moved[name] = moved[name] + 1j * h
         energy = law.energy(Invariants(**moved), p) + 0j
         found[name] = np.broadcast_to(np.imag(energy) / h, i.J.shape)
