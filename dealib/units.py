@@ -50,9 +50,10 @@ _NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*")
 
 @functools.cache
 def _registry() -> pint.UnitRegistry:
-    import pint  # 0.3 s: only once a quantity is read
+    import pint  # 0.3 s: only once an unusual unit is read
 
-    return pint.UnitRegistry(cache_folder=":auto:")
+    # no cache on disk: pint's remembers where it was installed, and fails once that is gone
+    return pint.UnitRegistry()
 
 
 def parse(text: object, dimension: str) -> float:
