@@ -54,6 +54,7 @@ CASES = {
         "bias_double_cone",
         {
             "mesh.columns": 12,
+            "output.fields": "every",
             "program": "[{stage: couple, mount: {bias: [{film: {distance: 3 mm}}, {mass: 10 g}]},"
             " steps: 3}, {stage: actuate, terminal: {voltage: 2 kV}, steps: 2}]",
         },
