@@ -190,7 +190,7 @@ EDITS = [
     ("two inputs at a port", "{displacement: -2 mm}", "{displacement: -2 mm, force: 0 N}",
      "21:55: program.1.mount.force: displacement and force exclude each other; give one", "0 N"),
     ("no input at a port", "{displacement: -2 mm}", "{}",
-     "21:26: program.1.mount: give one of displacement, force, mass, spring", "{}"),
+     "21:26: program.1.mount: give one of displacement, force, mass, spring, bias", "{}"),
     ("cycles of one value", "-2 mm}", "-2 mm}, cycles: 3",
      "21:41: program.1.mount.displacement: 3 cycles need a list, such as [0, peak, 0] with units",
      "-2 mm"),

@@ -7,6 +7,8 @@ from conftest import CONFIGS, case, history
 from dealib.units import EPSILON_0, GRAVITY
 
 CONFIG_NAMES = {
+    "bias_double_cone",
+    "bias_negative_rate",
     "benchmark_strip",
     "benchmark_strip_air",
     "deap100",
@@ -93,3 +95,15 @@ def test_own_mesh_with_a_mass():
     assert peaks.iloc[0] == pytest.approx(peaks.iloc[1], rel=1e-7)  # both cycles alike
     assert rest.to_numpy() == pytest.approx(rest.iloc[0], rel=1e-7)
     assert peaks.iloc[0] < rest.iloc[0] < -0.5
+
+
+@pytest.mark.parametrize(
+    ("name", "rest", "full"),
+    [("bias_negative_rate", -1.18920, -2.00035), ("bias_double_cone", -2.0, -2.25348)],
+)
+def test_biased_films(name, rest, full):
+    """More about them in test_bias.py."""
+    h = history(name)
+    released = h.index[h["voltage_kV"] == 0].max()
+    assert h["displacement_mm"].iloc[released] == pytest.approx(rest, abs=1e-4)
+    assert h.loc[h["voltage_kV"].idxmax(), "displacement_mm"] == pytest.approx(full, abs=1e-4)

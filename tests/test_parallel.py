@@ -50,6 +50,15 @@ CASES = {
             " {stage: charge, terminal: {charge: 0.03 uC}, steps: 2}]",
         },
     ),
+    "bias": (  # with a second film, which is measured by a run of its own
+        "bias_double_cone",
+        {
+            "mesh.columns": 12,
+            "output.fields": "every",
+            "program": "[{stage: couple, mount: {bias: [{film: {distance: 3 mm}}, {mass: 10 g}]},"
+            " steps: 3}, {stage: actuate, terminal: {voltage: 2 kV}, steps: 2}]",
+        },
+    ),
     "clamps": (
         "benchmark_strip_air",
         {

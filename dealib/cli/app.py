@@ -261,6 +261,31 @@ def materials(
     command.plot_law(found, law or "", stretch, path, dark, overwrite)
 
 
+@app.command()
+def bias(
+    config: ConfigFile,
+    set: Set = None,
+    voltage: Annotated[
+        str | None, typer.Option(help="full voltage, such as '2.5 kV'; default the program's")
+    ] = None,
+    reach: Annotated[
+        str | None, typer.Option(help="displacements of the chart, such as '-4 mm, 0 mm'")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="picture; default NAME-bias.png")] = None,
+    dark: Dark = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Draw the forces of film and bias over displacement, with equilibria, stability and stroke.
+
+    The bias is that of the last stage that loads the mount by bias, spring, mass or force. Two CSV
+    files beside the picture hold the curves and the equilibria.
+    """
+    from dealib.cli.bias import draw_chart
+    from dealib.config import load
+
+    draw_chart(load(config, set), voltage, reach, out, dark, overwrite)
+
+
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="YAML file, or a folder of them")]
 StudyOut = Annotated[Path | None, typer.Option(help="folder; default runs/studies/NAME")]
 CacheFolder = Annotated[Path, typer.Option(help="where solved cases are kept, by their physics")]

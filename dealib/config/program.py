@@ -6,49 +6,28 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from pydantic import Field, model_validator
 
-from dealib.config.section import Section
+from dealib.config.bias import BiasElement, Forces, Lengths, Masses, Spring
+from dealib.config.section import OneOf, Section
 from dealib.errors import ValueAt
-from dealib.units import Charge, Force, Length, Mass, Stiffness, Time, Voltage, list_of
+from dealib.units import Charge, Time, Voltage, list_of
 
 if TYPE_CHECKING:
-    Lengths: TypeAlias = tuple[float, ...]
-    Forces: TypeAlias = tuple[float, ...]
-    Masses: TypeAlias = tuple[float, ...]
     Voltages: TypeAlias = tuple[float, ...]
     Charges: TypeAlias = tuple[float, ...]
 else:
-    Lengths, Forces, Masses = list_of(Length), list_of(Force), list_of(Mass)
     Voltages, Charges = list_of(Voltage), list_of(Charge)
 
-
-class Spring(Section):
-    """Linear spring between the mount and an anchor that moves to its given position."""
-
-    stiffness: Stiffness = Field(gt=0)
-    anchor: Lengths = Field(description="where the anchor moves, as a displacement")
+Path_: TypeAlias = tuple[str | int, ...]
 
 
-class _Port(Section):
-    @model_validator(mode="after")
-    def _one_of(self) -> _Port:
-        names = list(type(self).model_fields)
-        given = [n for n in names if getattr(self, n) is not None]
-        if len(given) > 1:
-            raise ValueAt((given[1],), f"{' and '.join(given)} exclude each other; give one")
-        if not given:
-            raise ValueError(f"give one of {', '.join(names)}")
-        return self
-
+class _Port(OneOf):
     @property
-    def polyline(self) -> tuple[tuple[str, ...], tuple[float, ...]]:
-        """Path and values of the input that is given."""
-        for name in type(self).model_fields:
-            given = getattr(self, name)
-            if isinstance(given, Spring):
-                return (name, "anchor"), given.anchor
-            if given is not None:
-                return (name,), given
-        raise AssertionError("a port has one input")
+    def polylines(self) -> list[tuple[Path_, tuple[float, ...]]]:
+        """Path and values of each input that is given."""
+        name, given = self.given
+        if isinstance(given, Spring):
+            return [((name, "anchor"), given.anchor)]
+        return [((name,), given)]
 
 
 class MountInput(_Port):
@@ -58,6 +37,17 @@ class MountInput(_Port):
     force: Forces | None = Field(None, description="prescribed; negative is down")
     mass: Masses | None = Field(None, description="suspended: force -m g")
     spring: Spring | None = Field(None, description="linear spring to a moving anchor")
+    bias: tuple[BiasElement, ...] | None = Field(
+        None, min_length=1, description="springs, masses, a second film, side by side"
+    )
+
+    @property
+    def polylines(self) -> list[tuple[Path_, tuple[float, ...]]]:
+        """See `_Port`."""
+        if self.bias is None:
+            return super().polylines
+        found = [element.polyline for element in self.bias]
+        return [(("bias", i, *path), values) for i, (path, values) in enumerate(found)]
 
 
 class TerminalInput(_Port):
@@ -87,7 +77,8 @@ class Stage(Section):
         driven = [
             (port, *found)
             for port in ("mount", "terminal")
-            if (given := getattr(self, port)) is not None and (found := given.polyline)
+            if (given := getattr(self, port)) is not None
+            for found in given.polylines
         ]
         if not driven:
             raise ValueAt(("cycles",), "only an input of this stage can be repeated; it has none")

@@ -13,6 +13,7 @@ from pydantic import (
     model_validator,
 )
 
+from dealib.config.bias import second_device
 from dealib.config.program import Stage
 from dealib.config.section import Section
 from dealib.errors import ValueAt
@@ -258,6 +259,14 @@ class Config(Section):
         if self.physics.formulation == "mixed" and self.mesh.order != 2:
             raise ValueAt(("mesh", "order"), "physics.formulation: mixed needs order 2")
         self._air_above_stroke()
+        for i, stage in enumerate(self.program):
+            for k, element in enumerate((stage.mount and stage.mount.bias) or ()):
+                if element.film is not None:
+                    try:
+                        second_device(self, element.film)
+                    except ValueAt as error:
+                        where = ("program", i, "mount", "bias", k, "film", *error.where)
+                        raise ValueAt(where, str(error)) from None
         return self
 
     def _air_above_stroke(self) -> None:

@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from petsc4py import PETSc
 
@@ -20,27 +20,37 @@ from dealib.fem.constraints import FIELDS
 from dealib.fem.problem import Problem
 
 
+class Device(Protocol):
+    """What loads a port by its value, such as a spring."""
+
+    def load(self, x: float) -> tuple[float, float]:
+        """Load and its slope at a value x, counted from the anchor; the slope continuous."""
+
+
 @dataclass
 class PortLaw:
-    """The equation of one port: its value is given, or its dual balances a device.
+    """The equation of one port: its value is given, or its dual balances what loads it.
 
     Attributes:
-        value: Prescribed value of the port; None if a device is attached instead.
-        load: Generalised load that the device puts on the port.
-        stiffness: Rate at which that load falls as the port's value grows.
-        origin: Port value at which the device's load is `load`.
+        value: Prescribed value of the port; None if it is loaded instead.
+        load: Load that does not depend on the port's value.
+        devices: What else loads it, each with the value that is its anchor.
     """
 
     value: float | None = None
     load: float = 0.0
-    stiffness: float = 0.0
-    origin: float = 0.0
+    devices: tuple[tuple[Device, float], ...] = ()
+
+    def balance(self, q: float) -> tuple[float, float]:
+        """The whole load at a value of the port, and its slope."""
+        found = [device.load(q - anchor) for device, anchor in self.devices]
+        return self.load + sum(load for load, _ in found), sum(slope for _, slope in found)
 
     def residual(self, q: float, internal: float) -> float:
         """Zero in equilibrium; `internal` is dPi/dq of the body."""
         if self.value is not None:
             return q - self.value
-        return internal - self.load + self.stiffness * (q - self.origin)
+        return internal - self.balance(q)[0]
 
 
 class Timings(defaultdict[str, float]):
@@ -64,6 +74,7 @@ class System:
 
     Attributes:
         ports: The equation of each port.
+        values: q at each port, of the last residual.
         internal: dPi/dq at each port, of the last residual.
         timings: Seconds spent by phase.
     """
@@ -71,6 +82,7 @@ class System:
     def __init__(self, problem: Problem, timings: Timings) -> None:
         self.problem, self.map, self.timings = problem, problem.constraints, timings
         self.ports = {name: PortLaw(value=0.0) for name in self.map.ports}
+        self.values = dict.fromkeys(self.map.ports, 0.0)
         self.internal = dict.fromkeys(self.map.ports, 0.0)
         self._eliminated: dict[str, Any] = {}
         self.q = self.map.create_vector()
@@ -102,10 +114,9 @@ class System:
                     used = rows >= 0
                     out.setValues(rows[used], local.array_r[used], addv=PETSc.InsertMode.ADD_VALUES)
                 out.assemble()
-            self.internal = self.map.port_values(out)
-            values = self.map.port_values(q)
+            self.internal, self.values = self.map.port_values(out), self.map.port_values(q)
             for name, law in self.ports.items():
-                self.map.set_port(out, name, law.residual(values[name], self.internal[name]))
+                self.map.set_port(out, name, law.residual(self.values[name], self.internal[name]))
 
     def field_norms(self, vector: Any) -> npt.NDArray[np.float64]:
         """Euclidean norm of a reduced vector by field, without the ports."""
@@ -127,9 +138,10 @@ class System:
             matrix.zeroEntries()
             self._assemble(matrix)
             for name, law in self.ports.items():
-                if law.value is None and law.stiffness and self.map.comm.rank == 0:
+                slope = law.balance(self.values[name])[1]
+                if law.value is None and slope and self.map.comm.rank == 0:
                     row = self.map.ports[name]
-                    matrix.setValue(row, row, law.stiffness, addv=PETSc.InsertMode.ADD_VALUES)
+                    matrix.setValue(row, row, -slope, addv=PETSc.InsertMode.ADD_VALUES)
             matrix.assemble()
             rows = {n: self.map.ports[n] for n, p in self.ports.items() if p.value is not None}
             self._eliminated = {n: matrix.getColumnVector(row) for n, row in rows.items()}

@@ -2,29 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
 
 import numpy as np
 
+from dealib.config.bias import ELEMENT, BiasElement, Element, SecondFilm
 from dealib.config.program import MountInput, Stage, TerminalInput
 from dealib.fem.system import PortLaw
 from dealib.units import GRAVITY
 
-Kind = Literal["value", "load", "spring"]
+Kind = Literal["value", "load", "device"]
 
 
 @dataclass(frozen=True)
 class Drive:
-    """How a port is driven through a stage.
+    """One thing that drives a port through a stage.
 
     Attributes:
         label: What the user prescribes, such as 'mount.force'.
         unit: Its unit, for messages.
-        kind: The port's value, its dual, or a spring's anchor is prescribed.
+        kind: The port's value, its dual, or the anchor of a device is prescribed.
         knots: Values at equal distances in time over one cycle.
         sign: From the user's dual to dPi/dq.
-        stiffness: Of the spring, N/mm.
+        element: The device.
     """
 
     label: str
@@ -32,7 +34,7 @@ class Drive:
     kind: Kind
     knots: tuple[float, ...]
     sign: float = 1.0
-    stiffness: float = 0.0
+    element: Element | None = None
 
     def at(self, cycle_fraction: float) -> float:
         """The input at a time, in cycles since the stage began."""
@@ -44,50 +46,117 @@ class Drive:
         """The knots of a cycle, counted from 0: only the first one has to come to the list."""
         return self.knots[1:] if cycle and self.knots[0] != self.knots[-1] else self.knots
 
-    def law(self, cycle_fraction: float) -> PortLaw:
-        """The port's equation at a time."""
-        value = self.at(cycle_fraction)
-        if self.kind == "value":
-            return PortLaw(value=value)
-        if self.kind == "load":
-            return PortLaw(load=self.sign * value)
-        return PortLaw(stiffness=self.stiffness, origin=value)
-
     def held(self) -> Drive:
         """The same drive, staying at its last value."""
-        return Drive(
-            self.label, self.unit, self.kind, (self.knots[-1],) * 2, self.sign, self.stiffness
-        )
+        return replace(self, knots=(self.knots[-1],) * 2)
+
+    def plain(self) -> dict[str, Any]:
+        """As numbers, texts, lists and dicts."""
+        found = {f.name: getattr(self, f.name) for f in fields(self)}
+        return found | {"element": self.element and self.element.model_dump()}
+
+    @classmethod
+    def of(cls, plain: dict[str, Any]) -> Drive:
+        """Inverse of `plain`, also after a round trip through JSON."""
+        element = plain["element"] and ELEMENT.validate_python(plain["element"])
+        return cls(**{**plain, "knots": tuple(plain["knots"]), "element": element})
+
+
+Drives = tuple[Drive, ...]  # of one port: a value, or loads and devices that add up
+
+
+def law(drives: Drives, cycle_fraction: float) -> PortLaw:
+    """The equation at a time of a port that some drives act on."""
+    if drives[0].kind == "value":
+        return PortLaw(value=drives[0].at(cycle_fraction))
+    return PortLaw(
+        load=sum(d.sign * d.at(cycle_fraction) for d in drives if d.element is None),
+        devices=tuple((d.element, d.at(cycle_fraction)) for d in drives if d.element is not None),
+    )
 
 
 REST = {
-    "mount": Drive("mount.displacement", "mm", "value", (0.0, 0.0)),
-    "terminal": Drive("terminal.voltage", "kV", "value", (0.0, 0.0)),
+    "mount": (Drive("mount.displacement", "mm", "value", (0.0, 0.0)),),
+    "terminal": (Drive("terminal.voltage", "kV", "value", (0.0, 0.0)),),
 }
 
 
-def mount_drive(given: MountInput, displacement: float, force: float) -> Drive:
-    """The mount's drive in a stage that starts at a displacement (mm) and a force (N)."""
+def mount_drives(
+    given: MountInput,
+    displacement: float,
+    force: float,
+    before: Drives = (),
+    sample: Callable[[SecondFilm], Element] | None = None,
+) -> Drives:
+    """The mount's drives in a stage.
+
+    Args:
+        given: The stage's input.
+        displacement: Of the mount when the stage starts, mm.
+        force: On it then, N.
+        before: What drove it before.
+        sample: Measures a second film.
+    """
     if given.displacement is not None:
         knots = _from(displacement, given.displacement)
-        return Drive("mount.displacement", "mm", "value", knots)
+        return (Drive("mount.displacement", "mm", "value", knots),)
     if given.force is not None:
-        return Drive("mount.force", "N", "load", _from(force, given.force))
+        return (Drive("mount.force", "N", "load", _from(force, given.force)),)
     if given.mass is not None:
-        weights = tuple(-m * GRAVITY for m in given.mass)
-        return Drive("mount.mass (as force)", "N", "load", _from(force, weights))
-    assert given.spring is not None
-    k = given.spring.stiffness
-    knots = _from(displacement + force / k, given.spring.anchor)
-    return Drive("mount.spring.anchor", "mm", "spring", knots, stiffness=k)
+        return (Drive("mount.mass (as force)", "N", "load", _from(force, _weights(given.mass))),)
+    if given.spring is not None:
+        k = given.spring.stiffness
+        knots = _from(displacement + force / k, given.spring.anchor)
+        return (Drive("mount.spring.anchor", "mm", "device", knots, element=given.spring),)
+    assert given.bias is not None
+    drives = tuple(_bias(i, part, before, sample) for i, part in enumerate(given.bias))
+    # what holds the mount when the stage starts lets go of it over the stage
+    hand = force - law(drives, 0.0).balance(displacement)[0]
+    if abs(hand) <= 1e-9 * abs(force):
+        return drives
+    return (*drives, Drive(_HAND, "N", "load", (hand, 0.0)))
 
 
-def terminal_drive(given: TerminalInput, voltage: float, charge: float) -> Drive:
-    """The terminal's drive in a stage that starts at a voltage (kV) and a charge (uC)."""
+_HAND = "mount.bias (not yet released)"
+
+
+def _bias(
+    index: int,
+    part: BiasElement,
+    before: Drives,
+    sample: Callable[[SecondFilm], Element] | None,
+) -> Drive:
+    """One element; it moves on from where it was if it was there before."""
+    (path, knots), (_, given) = part.polyline, part.given
+    label = ".".join(("mount.bias", str(index), *path))
+    if isinstance(given, tuple):
+        new = Drive(f"{label} (as force)", "N", "load", _weights(given))
+    else:
+        if isinstance(given, SecondFilm):
+            assert sample is not None
+            knots, label = given.anchor, f"mount.bias.{index}.film (its frame)"
+            given = sample(given)
+        new = Drive(label, "mm", "device", knots, element=given)
+    old = before[index] if index < len(before) else None
+    same = old is not None and (old.label, _fixed(old.element)) == (new.label, _fixed(new.element))
+    return replace(new, knots=_from(old.knots[-1] if same and old else new.knots[0], new.knots))
+
+
+def _fixed(element: Element | None) -> Any:
+    """What identifies an element wherever its anchor is."""
+    return element and element.model_dump(exclude={"anchor"})
+
+
+def _weights(masses: tuple[float, ...]) -> tuple[float, ...]:
+    return tuple(-m * GRAVITY for m in masses)
+
+
+def terminal_drives(given: TerminalInput, voltage: float, charge: float) -> Drives:
+    """The terminal's drives in a stage that starts at a voltage (kV) and a charge (uC)."""
     if given.voltage is not None:
-        return Drive("terminal.voltage", "kV", "value", _from(voltage, given.voltage))
+        return (Drive("terminal.voltage", "kV", "value", _from(voltage, given.voltage)),)
     assert given.charge is not None
-    return Drive("terminal.charge", "uC", "load", _from(charge, given.charge), sign=-1.0)
+    return (Drive("terminal.charge", "uC", "load", _from(charge, given.charge), sign=-1.0),)
 
 
 def _from(start: float, knots: tuple[float, ...]) -> tuple[float, ...]:

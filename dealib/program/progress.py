@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from dealib.program.increments import Place
-from dealib.program.inputs import REST, Drive
+from dealib.program.inputs import REST, Drive, Drives
 from dealib.program.work import Work
 
 
@@ -30,13 +30,14 @@ class Progress:
     stage: int = 0
     stage_start: float = 0.0
     place: Place = field(default_factory=Place)
-    drives: dict[str, Drive] = field(default_factory=lambda: dict(REST))
+    drives: dict[str, Drives] = field(default_factory=lambda: dict(REST))
     work: Work = field(default_factory=Work)
     row: dict[str, Any] | None = None
 
     def plain(self) -> dict[str, Any]:
         """As numbers, texts, lists and dicts."""
-        return asdict(self)
+        drives = {port: [d.plain() for d in found] for port, found in self.drives.items()}
+        return asdict(replace(self, drives={})) | {"drives": drives}
 
     @classmethod
     def of(cls, plain: dict[str, Any]) -> Progress:
@@ -44,7 +45,6 @@ class Progress:
         given = dict(plain)
         given["place"], given["work"] = Place(**given["place"]), Work(**given["work"])
         given["drives"] = {
-            port: Drive(**{**drive, "knots": tuple(drive["knots"])})
-            for port, drive in given["drives"].items()
+            port: tuple(map(Drive.of, drives)) for port, drives in given["drives"].items()
         }
         return cls(**given)

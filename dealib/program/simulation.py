@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,9 @@ from dealib.fem.measures import film_stretches, measure
 from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem
 from dealib.fem.system import Timings
+from dealib.program.bias import ReachWatch, second_film
 from dealib.program.increments import Increments, Place
-from dealib.program.inputs import milestones, mount_drive, terminal_drive
+from dealib.program.inputs import Drive, law, milestones, mount_drives, terminal_drives
 from dealib.program.predictor import Predictor
 from dealib.program.progress import Progress
 from dealib.program.stability import StabilityWatch
@@ -80,6 +82,7 @@ class Simulation:
         self.progress = Progress()
         self._predictor = Predictor(case.config.solver.predictor_order)
         self._watch = StabilityWatch(case.config.materials.film)
+        self._reach = ReachWatch()
         self._stages = case.config.program
         if self._stages[0].stage != "prestrain":
             self._stages = (Stage(stage="prestrain", duration="1 s"), *self._stages)
@@ -146,11 +149,13 @@ class Simulation:
         """Enter a stage: the ports keep their last values unless it drives them."""
         p = self.progress
         assert p.row is not None
-        p.drives = {port: drive.held() for port, drive in p.drives.items()}
+        p.drives = {port: tuple(d.held() for d in drives) for port, drives in p.drives.items()}
         if stage.mount is not None:
-            p.drives["mount"] = mount_drive(stage.mount, p.row["displacement_mm"], p.row["force_N"])
+            start = p.row["displacement_mm"], p.row["force_N"]
+            sample = partial(second_film, self.case.config, self.comm)
+            p.drives["mount"] = mount_drives(stage.mount, *start, p.drives["mount"], sample)
         if stage.terminal is not None:
-            p.drives["terminal"] = terminal_drive(
+            p.drives["terminal"] = terminal_drives(
                 stage.terminal, p.row["voltage_kV"], p.row["charge_uC"]
             )
         p.stage, p.stage_start, p.place = index, p.time, Place()
@@ -158,12 +163,12 @@ class Simulation:
     def _run(self, stage: Stage) -> Iterator[State]:
         """The rest of the stage that the progress is in."""
         p = self.progress
-        targets, corners = milestones(stage, list(p.drives.values()))
+        targets, corners = milestones(stage, self._drives())
 
         def apply(at: float) -> tuple[Any, ...]:
-            for port, drive in p.drives.items():
-                self.newton.system.ports[port] = drive.law(at)
-            return tuple(x for d in p.drives.values() for x in (d.label, d.at(at)))
+            for port, drives in p.drives.items():
+                self.newton.system.ports[port] = law(drives, at)
+            return tuple(x for d in self._drives() for x in (d.label, d.at(at)))
 
         apply(p.place.now)
         increments = Increments(self.newton, self.case.config.solver, self._predictor, p.place)
@@ -178,11 +183,15 @@ class Simulation:
         row |= p.work.add(p.row, row)
         p.step, p.time, p.row = p.step + 1, at, row
         self._watch.see(row, lambda: film_stretches(self.newton, self.layout))
+        self._reach.see(row, self.newton.system.ports["mount"])
         return State(row, last, self)
+
+    def _drives(self) -> list[Drive]:
+        return [drive for drives in self.progress.drives.values() for drive in drives]
 
     def _failure(self, stage: Stage, at: float) -> str:
         """Where the program stopped and what to try."""
-        drives = self.progress.drives.values()
+        drives = self._drives()
         inputs = ", ".join(f"{d.label} = {d.at(at):.6g} {d.unit}" for d in drives)
         hint = "give the stage more steps"
         voltage = any(

@@ -1,0 +1,82 @@
+"""`dealib bias`: the chart of film and bias, its equilibria and the stroke between them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import typer
+
+from dealib.config.case import Case
+from dealib.errors import ConfigError
+from dealib.results.bias import BiasChart
+from dealib.units import parse
+
+
+def draw_chart(
+    case: Case,
+    voltage: str | None,
+    reach: str | None,
+    out: Path | None,
+    dark: bool,
+    overwrite: bool,
+) -> None:
+    """Solve and draw the chart, write its CSV files, print its equilibria.
+
+    Raises:
+        ConfigError: If an option is wrong, a file is in the way, or there is no bias.
+    """
+    from dealib.plots import style
+
+    volts = None if voltage is None else _quantity("--voltage", voltage, "voltage")
+    ends = None if reach is None else _reach(reach)
+    picture = out or Path(f"{case.config.name}-bias.png")
+    tables = [picture.with_suffix(".csv"), picture.with_name(f"{picture.stem}-equilibria.csv")]
+    style.check_target(picture, style.FORMATS, overwrite)
+    for table in tables:
+        style.check_target(table, (".csv",), overwrite)
+    from dealib.program.bias_chart import chart
+
+    found = chart(case, volts, ends)
+    found.write(*tables)
+    from dealib.plots.bias import draw_bias
+
+    with style.theme(dark) as look:
+        style.save(draw_bias(found, look), picture)
+    typer.echo("\n".join([*describe(found), *map(str, (picture, *tables))]))
+
+
+def describe(chart: BiasChart) -> list[str]:
+    """Equilibria and strokes, a line each."""
+    lines = []
+    for volts, equilibria in chart.equilibria.items():
+        for e in equilibria:
+            kind = "stable" if e.stable else "unstable"
+            lines.append(
+                f"{volts:6.4g} kV  {e.displacement:10.6f} mm  {e.force:10.6f} N  {kind:<8}"
+                f"  net stiffness {e.stiffness:.4g} N/mm"
+            )
+    for stroke in chart.strokes():
+        back = (
+            ""
+            if stroke.returns
+            else f"; without voltage it stays: {stroke.back.displacement:.6f} mm"
+        )
+        lines.append(
+            f"stroke {stroke.length:.6f} mm, from {stroke.start.displacement:.6f} mm "
+            f"to {stroke.end.displacement:.6f} mm{back}"
+        )
+    return lines or ["film and bias do not meet within the chart; see --reach"]
+
+
+def _quantity(option: str, text: str, dimension: str) -> float:
+    try:
+        return parse(text, dimension)
+    except ValueError as error:
+        raise ConfigError(f"{option}: {error}") from None
+
+
+def _reach(text: str) -> tuple[float, float]:
+    ends = sorted(_quantity("--reach", part, "length") for part in text.split(","))
+    if len(ends) != 2 or ends[0] == ends[1]:
+        raise ConfigError("--reach: expected two displacements, such as '-4 mm, 0 mm'")
+    return ends[0], ends[1]

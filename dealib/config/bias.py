@@ -1,0 +1,200 @@
+"""Bias elements on the mount: each is one class, its keys in the config and its force.
+
+A new element is a new class here with `load`, and a key of `BiasElement`. Elements of one list add
+up; each counts its displacement from an anchor of its own, which may move.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+
+from pydantic import Field, TypeAdapter, ValidationError, model_validator
+
+from dealib.config.messages import problem
+from dealib.config.section import OneOf, Section
+from dealib.errors import ValueAt
+from dealib.units import Force, Length, Mass, Stiffness, list_of
+
+if TYPE_CHECKING:
+    Lengths: TypeAlias = tuple[float, ...]
+    Forces: TypeAlias = tuple[float, ...]
+    Masses: TypeAlias = tuple[float, ...]
+else:
+    Lengths, Forces, Masses = list_of(Length), list_of(Force), list_of(Mass)
+
+
+class Load(Protocol):
+    """A force on the mount that depends on its displacement."""
+
+    def load(self, x: float) -> tuple[float, float]:
+        """Force (N) and its slope (N/mm) at a displacement x (mm) from the anchor."""
+
+
+class Spring(Section):
+    """Linear spring between the mount and an anchor that moves to its given position."""
+
+    stiffness: Stiffness = Field(gt=0)
+    anchor: Lengths = Field(description="where the anchor moves, as a displacement")
+
+    def load(self, x: float) -> tuple[float, float]:
+        """See `Load`."""
+        return -self.stiffness * x, -self.stiffness
+
+
+class Bistable(Section):
+    """Spring of negative rate about its anchor, at rest on either side: a cubic."""
+
+    rate: Stiffness = Field(lt=0, description="stiffness at the anchor; negative")
+    well: Length = Field(gt=0, description="distance of both rest positions from the anchor")
+    anchor: Lengths = Field(description="where its unstable centre moves, as a displacement")
+
+    def load(self, x: float) -> tuple[float, float]:
+        """See `Load`."""
+        s = (x / self.well) ** 2
+        return -self.rate * x * (1 - s), -self.rate * (1 - 3 * s)
+
+
+class Table(Section):
+    """Any spring by a table, without overshoot between its points (PCHIP); straight beyond it."""
+
+    displacement: tuple[Length, ...] = Field(
+        min_length=2, description="of the mount from the anchor, increasing"
+    )
+    force: tuple[Force, ...] = Field(min_length=2, description="on the mount; negative is down")
+    anchor: Lengths = Field(description="where the zero of the table moves, as a displacement")
+
+    @model_validator(mode="after")
+    def _matches(self) -> Table:
+        if len(self.force) != len(self.displacement):
+            n, m = len(self.displacement), len(self.force)
+            raise ValueAt(("force",), f"{m} forces for {n} displacements")
+        for a, b in pairwise(self.displacement):
+            if b <= a:
+                raise ValueAt(("displacement",), f"must increase, but {b:g} mm follows {a:g} mm")
+        return self
+
+    @cached_property
+    def _curve(self) -> Any:
+        from scipy.interpolate import PchipInterpolator
+
+        return PchipInterpolator(self.displacement, self.force)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Displacements from the anchor that the table covers, mm."""
+        return self.displacement[0], self.displacement[-1]
+
+    def load(self, x: float) -> tuple[float, float]:
+        """See `Load`."""
+        return _straight_beyond(self._curve, self.reach, x)
+
+
+class Sampled(Section):
+    """A smooth force computed at some displacements: a spline of fifth degree."""
+
+    displacement: tuple[float, ...]
+    force: tuple[float, ...]
+
+    @cached_property
+    def _curve(self) -> Any:
+        from scipy.interpolate import make_interp_spline
+
+        return make_interp_spline(self.displacement, self.force, k=5)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """Displacements from the anchor that the samples cover, mm."""
+        return self.displacement[0], self.displacement[-1]
+
+    def load(self, x: float) -> tuple[float, float]:
+        """See `Load`."""
+        return _straight_beyond(self._curve, self.reach, x)
+
+
+def _straight_beyond(curve: Any, reach: tuple[float, float], x: float) -> tuple[float, float]:
+    inside = min(max(x, reach[0]), reach[1])
+    slope = float(curve(inside, 1))
+    return float(curve(inside)) + slope * (x - inside), slope
+
+
+class SecondFilm(Section):
+    """Another film without voltage whose mount hangs on this one: a double cone.
+
+    It is mirrored, and its frame stands a distance below this device's, so that it pulls the mount
+    down. Its force is computed once, by a run of its own.
+    """
+
+    distance: Lengths = Field(description="between both frames; both films are flat at 0 mm")
+    set: dict[str, Any] | None = Field(
+        None, description="where the second device differs: keys such as geometry.film_thickness"
+    )
+
+    @model_validator(mode="after")
+    def _apart(self) -> SecondFilm:
+        if max(self.distance) <= 0:
+            raise ValueAt(("distance",), "must be above 0 mm somewhere")
+        return self
+
+    @property
+    def anchor(self) -> Lengths:
+        """Displacement of the mount at which the second film is flat."""
+        return tuple(-d for d in self.distance)
+
+
+class BiasElement(OneOf):
+    """One element, one of the following."""
+
+    mass: Masses | None = Field(None, description="suspended: force -m g")
+    spring: Spring | None = Field(None, description="linear spring")
+    bistable: Bistable | None = Field(None, description="spring of negative rate: a cubic")
+    table: Table | None = Field(None, description="any spring, by points")
+    film: SecondFilm | None = Field(None, description="a second film: double cone")
+
+    @property
+    def polyline(self) -> tuple[tuple[str, ...], tuple[float, ...]]:
+        """Path and values of what may move."""
+        name, given = self.given
+        if isinstance(given, tuple):
+            return (name,), given
+        key = "distance" if isinstance(given, SecondFilm) else "anchor"
+        return (name, key), getattr(given, key)
+
+
+Element: TypeAlias = Spring | Bistable | Table | Sampled
+ELEMENT: TypeAdapter[Element] = TypeAdapter(Element)
+
+
+def second_device(config: Any, film: SecondFilm) -> Any:
+    """Config of the run that measures a second film, pushed as far as it may be pulled.
+
+    The air and the blocks are left out: without voltage they put no force on the film.
+
+    Raises:
+        ValueAt: If `set` makes no valid config.
+    """
+    tree = config.model_dump(exclude_none=True)
+    far = 1.25 * max(film.distance)
+    tree["program"] = [
+        {"stage": "push", "mount": {"displacement": f"{-far!r} mm"}, "steps": 24},
+    ]
+    if config.mesh.file is None:
+        tree["geometry"]["air_height"] = "0 mm"
+        tree["geometry"].pop("clamps", None)
+    for key, value in (film.set or {}).items():
+        *above, last = key.split(".")
+        node = tree
+        for part in above:
+            node = node.get(part) if isinstance(node, dict) else None
+        if not isinstance(node, dict) or not above or above[0] not in ("geometry", "materials"):
+            raise ValueAt(
+                ("set",), f"{key}: only keys such as geometry.film_thickness or materials.film"
+            )
+        node[last] = value
+    try:
+        return type(config).model_validate(tree)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        raise ValueAt(("set",), f"{where}: {problem(first, type(config))}") from None

@@ -1,0 +1,51 @@
+"""The chart that designers of biased actuators draw: film, film under voltage, and bias."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from dealib.plots.labels import label
+from dealib.plots.style import Theme
+from dealib.results.bias import BiasChart
+
+
+def draw_bias(chart: BiasChart, look: Theme) -> Any:
+    """Force over displacement, equilibria as dots (hollow: unstable), strokes as arrows."""
+    figure, axis = plt.subplots(figsize=(7, 5), layout="constrained")
+    u = chart.displacement
+    for k, (volts, force) in enumerate(chart.film.items()):
+        colour = f"C{k}"
+        axis.plot(u, force, color=colour, label=f"film at {volts:g} kV")
+        for e in chart.equilibria[volts]:
+            inside = colour if e.stable else look.paper
+            axis.plot(e.displacement, e.force, "o", ms=8, mec=colour, mfc=inside, mew=1.6, zorder=4)
+    axis.plot(u, chart.bias, color=look.ink, ls="--", label="bias")
+    low, high = _limits(chart)
+    margin = 0.08 * (high - low)
+    strokes = chart.strokes()
+    axis.set_ylim(low - margin, high + margin * (1 + len(strokes)))
+    for k, stroke in enumerate(strokes):
+        y = high + margin * (0.5 + k)
+        start, end = stroke.start, stroke.end
+        arrow = {"arrowstyle": "-|>", "color": look.ink}
+        axis.annotate("", (end.displacement, y), (start.displacement, y), arrowprops=arrow)
+        text = f"stroke {stroke.length:.3f} mm" + ("" if stroke.returns else ", stays")
+        middle = ((start.displacement + end.displacement) / 2, y)
+        axis.annotate(text, middle, (0, 4), textcoords="offset points", ha="center")
+        for e in (start, end):
+            axis.plot([e.displacement] * 2, [e.force, y], color=look.faint, lw=0.8, zorder=1)
+    axis.set(xlabel=label("displacement_mm"), ylabel=label("force_N"), title=chart.name)
+    axis.legend(loc="lower right")
+    return figure
+
+
+def _limits(chart: BiasChart) -> tuple[float, float]:
+    """Forces to show: all of the film's, and the bias as far as it does not dwarf them."""
+    film = np.concatenate(list(chart.film.values()))
+    low, high = film.min(), film.max()
+    span = high - low
+    near = chart.bias[(chart.bias > low - span / 2) & (chart.bias < high + span / 2)]
+    return float(min(low, *near)), float(max(high, *near))

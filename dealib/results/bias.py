@@ -1,0 +1,134 @@
+"""The chart of a biased film: force over displacement of film and bias, and where they meet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dealib.results.elements import Array
+from dealib.results.files import write_text
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """Where film and bias balance.
+
+    Attributes:
+        voltage: Of the film, kV.
+        displacement: Of the mount, mm.
+        force: On the mount, N.
+        stiffness: Slope of the film's force less that of the bias, N/mm.
+    """
+
+    voltage: float
+    displacement: float
+    force: float
+    stiffness: float
+
+    @property
+    def stable(self) -> bool:
+        """Whether the mount comes back when it is moved a little, at constant voltage."""
+        return self.stiffness > 0
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """What the voltage does to a biased film, slowly enough for inertia not to matter.
+
+    Attributes:
+        start: Where the mount is without voltage.
+        end: Where it goes under voltage.
+        back: Where it goes when the voltage is taken away again.
+    """
+
+    start: Equilibrium
+    end: Equilibrium
+    back: Equilibrium
+
+    @property
+    def length(self) -> float:
+        """Displacement by the voltage, mm."""
+        return self.end.displacement - self.start.displacement
+
+    @property
+    def returns(self) -> bool:
+        """Whether the mount comes back to where it was."""
+        return self.back == self.start
+
+
+@dataclass(frozen=True)
+class BiasChart:
+    """Curves over one displacement, and their equilibria.
+
+    Attributes:
+        name: Of the config.
+        displacement: Of the mount, mm, increasing.
+        film: Force on the film's mount by voltage (kV), N; the first one is without voltage.
+        bias: Force of the bias, N.
+        equilibria: By voltage, from the lowest displacement up.
+    """
+
+    name: str
+    displacement: Array
+    film: dict[float, Array]
+    bias: Array
+    equilibria: dict[float, list[Equilibrium]]
+
+    def strokes(self) -> list[Stroke]:
+        """One for each stable state without voltage from which the voltage leads to another."""
+        rest, full = self.film
+        found = []
+        for start in self.equilibria[rest]:
+            if start.stable:
+                end = self._settle(start.displacement, full)
+                back = end and self._settle(end.displacement, rest)
+                if end and back:
+                    found.append(Stroke(start, end, back))
+        return found
+
+    def _settle(self, displacement: float, voltage: float) -> Equilibrium | None:
+        """The stable state into which the forces at a displacement push the mount, if any."""
+        film = np.interp(displacement, self.displacement, self.film[voltage])
+        up = np.interp(displacement, self.displacement, self.bias) > film
+        candidates = [e for e in self.equilibria[voltage] if e.stable]
+        near = [e for e in candidates if abs(e.displacement - displacement) < 1e-9]
+        above = [e for e in candidates if e.displacement > displacement]
+        below = [e for e in candidates if e.displacement < displacement]
+        ways = near or (above[:1] if up else below[-1:])
+        return ways[0] if ways else None
+
+    def write(self, curves: Path, equilibria: Path) -> None:
+        """Write both as CSV files."""
+        names = [f"film_at_{volts:g}_kV_N" for volts in self.film]
+        table = np.column_stack([self.displacement, *self.film.values(), self.bias])
+        _write(curves, ["displacement_mm", *names, "bias_N"], table.tolist())
+        points = [e for of_voltage in self.equilibria.values() for e in of_voltage]
+        _write(
+            equilibria,
+            ["voltage_kV", "displacement_mm", "force_N", "stiffness_N_per_mm", "stable"],
+            [
+                [e.voltage, e.displacement, e.force, e.stiffness, float(e.stable)]
+                for e in points
+            ],
+        )  # fmt: skip
+
+
+def _write(path: Path, header: list[str], rows: list[list[float]]) -> None:
+    lines = [",".join(header), *(",".join(f"{v:.10g}" for v in row) for row in rows)]
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def crossings(x: Array, net: Callable[[Array], Any]) -> list[float]:
+    """Zeros of a continuous function between points that are close enough to tell them apart."""
+    from scipy.optimize import brentq
+
+    values = net(x)
+    found = [
+        float(brentq(lambda at: float(net(np.array([at]))[0]), x[k], x[k + 1], xtol=1e-13))
+        for k in np.flatnonzero(values[:-1] * values[1:] < 0)
+    ]
+    return sorted(found + [float(v) for v in x[values == 0]])
