@@ -48,6 +48,19 @@ def test_prescribed_ports_step_as_told(changes):
     assert step == pytest.approx(wanted, rel=1e-6, abs=1e-9 * np.abs(wanted).max())
 
 
+def test_blocks_need_few_iterations_where_the_field_fringes_into_the_air():
+    """Body and air's mesh are solved one after the other; the field in the air couples them."""
+    clamps = {"width": "2 mm", "height": "1.5 mm", "relative_permittivity": 3.0}
+    program = [
+        {"stage": "prestrain"},
+        {"stage": "actuate", "terminal": {"voltage": "2.5 kV"}, "mount": {"force": "-0.3 N"}},
+    ]
+    for state in dealib.Simulation(case("deap100", geometry__clamps=clamps, program=program)):
+        newton = state.simulation.newton
+        assert newton.linear_iterations <= 4 * newton.iterations
+    assert state.simulation.problem.constraints.numbers("air mesh").size > 5000
+
+
 def test_a_block_past_its_peak_voltage_is_unstable_under_voltage_only():
     """The homogeneous motion is the only one that gives way (neo-Hooke, peak at l = 1.2599)."""
     bench, found = free_block.block(0.0, 50.0), []
