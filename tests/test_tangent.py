@@ -63,7 +63,7 @@ def test_blocks_need_few_iterations_where_the_field_fringes_into_the_air():
 
 def test_a_block_past_its_peak_voltage_is_unstable_under_voltage_only():
     """The homogeneous motion is the only one that gives way (neo-Hooke, peak at l = 1.2599)."""
-    bench, found = free_block.block(0.0, 50.0), []
+    bench, found = free_block.block(free_block.mooney_rivlin_of(0.0), 50.0), []
     top = free_block.charge_at(0.687365, 1.259921)
     for fraction in (0.5, 0.95, 1.05, 1.5):
         bench.load(terminal=fraction * top)
