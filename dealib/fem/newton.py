@@ -20,14 +20,23 @@ from dealib.fem.system import System, Timings
 log = logging.getLogger(__name__)
 
 _PREFIX, _INERTIA_PREFIX = "dealib_", "dealib_inertia_"
-_OPTIONS: dict[str, Any] = {
-    "snes_type": "newtonls",
-    "snes_linesearch_type": "basic",
+_OPTIONS: dict[str, Any] = {"snes_type": "newtonls", "snes_linesearch_type": "basic"}
+_MUMPS: dict[str, Any] = {
     "ksp_type": "preonly",
     "pc_factor_mat_solver_type": "mumps",
     "mat_mumps_icntl_7": 5,  # METIS
     "mat_mumps_icntl_14": 60,  # room for pivoting, per cent
 }
+_BLOCKS: dict[str, Any] = {
+    "ksp_type": "gmres",
+    "ksp_rtol": 1e-7,  # takes Newton no more iterations
+    "pc_type": "fieldsplit",
+    "pc_fieldsplit_type": "multiplicative",
+}
+_FACTORISATION = (  # PETSc's events; the last one takes the blocks out of the tangent
+    *("MatLUFactorSym", "MatLUFactorNum", "MatCholFctrSym", "MatCholFctrNum"),
+    *("MatSolve", "MatCreateSubMats"),
+)
 _INERTIA_OPTIONS: dict[str, Any] = {
     "mat_mumps_icntl_7": 5,
     "mat_mumps_icntl_13": 1,  # no ScaLAPACK at the root, which counts no negative pivots
@@ -74,13 +83,14 @@ class Newton:
     Attributes:
         system: The system.
         iterations: Iterations of the last solve.
+        linear_iterations: Iterations of its linear solver, one each without air.
         total: Iterations of all solves.
     """
 
     def __init__(self, problem: Problem, timings: Timings) -> None:
         self.system = System(problem, timings)
         self.timings = timings
-        self.iterations = self.total = 0
+        self.iterations = self.linear_iterations = self.total = 0
         solver = problem.config.solver
         self._tolerance = solver.tolerance * Scales.of(problem).array()
         self._port_tolerance = solver.tolerance
@@ -88,8 +98,7 @@ class Newton:
         modulus = shear_modulus(problem.config.materials.film)
         # mm, kV, mm, MPa
         self._step_tolerance = _STEP * np.array([thickness, 1.0, thickness, modulus])
-        kind = {"pc_type": "cholesky" if problem.symmetric else "lu"}
-        _set_options(_PREFIX, _OPTIONS | kind)
+        _set_options(_PREFIX, _OPTIONS)
         self._snes = PETSc.SNES().create(problem.device.mesh.comm)
         self._snes.setOptionsPrefix(_PREFIX)
         self._snes.setFunction(self._residual, self.system.residual_vector)
@@ -97,11 +106,34 @@ class Newton:
         self._snes.setConvergenceTest(self._test)
         # `_test` alone decides; PETSc 3.25 would take a failed line search for a small step
         self._snes.setTolerances(stol=0.0, max_it=solver.max_iterations)
+        self._set_linear_solver()
         self._snes.setFromOptions()
         self._factored = False
         self._logged = 0.0
         self._logged = self.factorisation_seconds
         self._norms = np.zeros(len(FIELDS))
+
+    def _set_linear_solver(self) -> None:
+        """LDL^T, or LU if there is no potential; with air, by blocks.
+
+        The air's mesh follows the body, which feels it only through the field in the air. So the
+        tangent is nearly block triangular, and a sweep of Gauss-Seidel over the body with the field
+        and then the air's mesh, each factorised for itself, is nearly its inverse.
+        """
+        problem = self.system.problem
+        body = _MUMPS | {"pc_type": "cholesky" if problem.coupling.symmetric else "lu"}
+        if not problem.mesh_motion:
+            _set_options(_PREFIX, body)
+            return
+        _set_options(_PREFIX, _BLOCKS)
+        _set_options(_PREFIX + "fieldsplit_body_", body)
+        _set_options(_PREFIX + "fieldsplit_air_", _MUMPS | {"pc_type": "cholesky"})
+        rows = self.system.map
+        air = PETSc.IS().createGeneral(rows.numbers("air mesh"), comm=rows.comm)
+        start, end = self.system.matrix.getOwnershipRange()
+        pc = self._snes.getKSP().getPC()
+        pc.setType("fieldsplit")
+        pc.setFieldSplitIS(("body", air.complement(start, end)), ("air", air))
 
     def solve(self) -> int:
         """Solve from the current q; returns the number of iterations.
@@ -111,6 +143,7 @@ class Newton:
         """
         self._snes.solve(None, self.system.q)
         self.iterations = self._snes.getIterationNumber()
+        self.linear_iterations = self._snes.getLinearSolveIterations()
         self.total += self.iterations
         reason = self._snes.getConvergedReason()
         if reason < 0:
@@ -133,8 +166,7 @@ class Newton:
     @property
     def factorisation_seconds(self) -> float:
         """Time in symbolic and numeric factorisations and back-substitutions since the start."""
-        factors = ("MatLUFactorSym", "MatLUFactorNum", "MatCholFctrSym", "MatCholFctrNum")
-        now = sum(PETSc.Log.Event(e).getPerfInfo()["time"] for e in (*factors, "MatSolve"))
+        now = sum(PETSc.Log.Event(e).getPerfInfo()["time"] for e in _FACTORISATION)
         return float(now - self._logged)
 
     def capacitance(self) -> float:
