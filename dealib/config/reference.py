@@ -39,6 +39,8 @@ def _tidy(node: Any) -> Any:
         )  # what decides comes first
         node["properties"] = {name: node["properties"][name] for name in order}
         return node | {"title": node.get("description", "").split(":")[0].rstrip(".")}
+    if "discriminator" not in node and not any("required" in c for c in node.get("oneOf", [])):
+        node["anyOf"] = [*node.get("anyOf", []), *node.pop("oneOf", [])]
     choices = [c for c in node.pop("anyOf", []) if c.get("type") != "null"]
     if len(choices) == 1:
         node = choices[0] | node
@@ -131,6 +133,10 @@ def _section(node: Node, path: str, defs: Node, seen: set[str]) -> Iterator[str]
         inner = items if "$ref" in items else value
         if "$ref" in inner or "discriminator" in inner:
             below.append((f"{path}.{key}".lstrip(".") + ("[]" if inner is items else ""), inner))
+        for choice in value.get("anyOf", []):
+            if choice.get("$ref", "") not in seen | {""}:  # told once, whatever the law
+                seen.add(choice["$ref"])
+                below.append((f"{path.split('`')[0]}.{key}", choice))
         means = meaning(value) or resolve(inner, defs).get("description", "")
         what = "list of sections" if inner is items and inner else kind(value)
         yield f"| `{key}` | {what} | {default} | {means} |".replace("  ", " ")

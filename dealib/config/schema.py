@@ -18,6 +18,7 @@ from dealib.config.program import Stage
 from dealib.config.section import Section
 from dealib.errors import ValueAt
 from dealib.materials.laws import LAWS, Law, invariants_of_stretches
+from dealib.materials.permittivity import RelativePermittivity, StretchPermittivity
 from dealib.units import Length, Stress
 
 
@@ -126,11 +127,22 @@ Stretch = Annotated[float, Field(ge=0.5, le=10)]
 class FilmProperties(Section):
     """What the film has besides its law."""
 
-    relative_permittivity: float = Field(gt=0, description="of the ideal dielectric film")
+    relative_permittivity: RelativePermittivity = Field(
+        description="of the film: a number, or {intercept: a, slope: b} for a + b * stretch, the "
+        "stretch being the square root of the film's growth in area"
+    )
     prestretch: Annotated[
         tuple[Stretch, Stretch],
         BeforeValidator(_pair, json_schema_input_type=Stretch | tuple[Stretch, Stretch]),
     ] = Field((1.0, 1.0), description="in-plane pre-stretch: equal-biaxial, or [radial, hoop]")
+
+    @property
+    def permittivity(self) -> StretchPermittivity:
+        """Relative permittivity as a function of stretch."""
+        given = self.relative_permittivity
+        if isinstance(given, StretchPermittivity):
+            return given
+        return StretchPermittivity(intercept=given, slope=0.0)
 
 
 def _choice(bases: tuple[type, ...], suffix: str) -> Any:
@@ -167,11 +179,16 @@ class Materials(Section):
     )
 
     @model_validator(mode="after")
-    def _prestretch_possible(self) -> Materials:
+    def _possible(self) -> Materials:
         radial, hoop = self.film.prestretch
         mounted = invariants_of_stretches(radial, hoop, 1 / (radial * hoop))
         if self.film.extension(mounted, self.film.values) >= 1:
             raise ValueAt(("film", "prestretch"), f"{self.film.law} locks before this stretch")
+        for stretch in (1.0, (radial * hoop) ** 0.5):
+            if self.film.permittivity.at(stretch) <= 0:
+                raise ValueAt(
+                    ("film", "relative_permittivity"), f"not above 0 at the stretch {stretch:.4g}"
+                )
         return self
 
 

@@ -132,7 +132,7 @@ def _film_field(problem: Problem) -> tuple[Any, Any, Any]:
     F, E = problem.fields()
     dielectrics = (part for part in problem.electric if isinstance(part, IdealDielectric))
     (film,) = (part for part in dielectrics if part.kind == "film")
-    return F, inverse_transpose(F) * E, film.permittivity
+    return F, inverse_transpose(F) * E, film.at(F)
 
 
 def _indicator(problem: Problem, region: str) -> Any:

@@ -16,7 +16,7 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dealib.fem.kinematics import inverse_transpose, jacobian
+from dealib.fem.kinematics import area_stretch, inverse_transpose, jacobian
 from dealib.materials.laws import Invariants, Law
 
 
@@ -136,10 +136,34 @@ class IdealDielectric:
     kind: str
     permittivity: Any
 
+    def at(self, F: Any) -> Any:
+        """Permittivity at a deformation."""
+        return self.permittivity
+
     def density(self, F: Any, E: Any) -> Any:
         """See `Energy`."""
         e = inverse_transpose(F) * E
-        return -self.permittivity / 2 * jacobian(F) * ufl.dot(e, e)
+        return -self.at(F) / 2 * jacobian(F) * ufl.dot(e, e)
+
+
+@dataclass(frozen=True)
+class StretchedDielectric(IdealDielectric):
+    """The same with eps = permittivity + slope * stretch (see `StretchPermittivity`).
+
+    It is linear in the field, but the derivative of its energy gives electrostriction besides
+    Maxwell's stress, as in X. Zhao, Z. Suo, J. Appl. Phys. 104, 123530 (2008).
+
+    Attributes:
+        slope: Change of the permittivity a unit of stretch, N/kV^2, as a constant.
+        prestretch: Stretches (radial, thickness, hoop) before the mesh, as a constant.
+    """
+
+    slope: Any
+    prestretch: Any
+
+    def at(self, F: Any) -> Any:
+        """See `IdealDielectric`."""
+        return self.permittivity + self.slope * area_stretch(F, self.prestretch)
 
 
 @dataclass(frozen=True)

@@ -51,6 +51,17 @@ def inverse_transpose(F: Any) -> Any:
     )
 
 
+def area_stretch(F: Any, prestretch: Any) -> Any:
+    """Square root of the growth in area of layers that were normal to Z, pre-stretch included.
+
+    Args:
+        F: Deformation gradient of the block form above.
+        prestretch: Stretches (radial, thickness, hoop) before it.
+    """
+    radial = (F[0, 0] ** 2 + F[1, 0] ** 2) ** 0.5
+    return (prestretch[0] * radial * prestretch[2] * F[2, 2]) ** 0.5
+
+
 def jacobian(F: Any) -> Any:
     """J = det F of the block form above."""
     return (F[0, 0] * F[1, 1] - F[0, 1] * F[1, 0]) * F[2, 2]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from dealib.fem.energies import (
     IdealDielectric,
     MeshElasticity,
     MixedHyperelastic,
+    StretchedDielectric,
     constant,
     parameters,
 )
@@ -179,7 +181,8 @@ class Problem:
         """Characteristic charge, uC: of the flat film at 1 kV."""
         g, film = self.config.geometry, self.config.materials.film
         area = np.pi * (g.outer_radius**2 - g.inner_radius**2)
-        return float(EPSILON_0 * film.relative_permittivity * area / g.film_thickness)
+        stretch = math.sqrt(math.prod(film.prestretch))
+        return float(EPSILON_0 * film.permittivity.at(stretch) * area / g.film_thickness)
 
 
 def shear_modulus(law: Law) -> float:
@@ -221,7 +224,13 @@ def problem_on(device: Device, config: Config, held: list[Support]) -> Problem:
         return MixedHyperelastic(part, ufl.split(spaces.w)[2]) if mixed else part
 
     elastic = [solid("film", m.film, prestretch)]
-    electric: list[Energy] = [IdealDielectric("film", permittivity(m.film.relative_permittivity))]
+    by_stretch = m.film.permittivity
+    film = IdealDielectric("film", permittivity(by_stretch.intercept))
+    if by_stretch.slope:
+        film = StretchedDielectric(
+            "film", film.permittivity, permittivity(by_stretch.slope), prestretch
+        )
+    electric: list[Energy] = [film]
     motion: list[Energy] = []
     if names.TOP_ELECTRODE in device.groups and m.electrode is not None:
         elastic.append(solid("electrodes", m.electrode))

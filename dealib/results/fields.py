@@ -23,7 +23,8 @@ def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
 
     Returns:
         u (mm) and phi (kV); E (kV/mm) and D (uC/mm^2) in the deformed body; cauchy_stress and
-        second_pk_stress (elastic, per mesh area for the latter) and maxwell_stress, MPa;
+        second_pk_stress (elastic, per mesh area for the latter) and maxwell_stress, MPa: all that
+        the field adds, electrostriction included where the permittivity depends on stretch;
         J = det F; in the mixed form p (MPa, positive in tension). Vectors have components
         (R, Z, theta), tensors (3, 3).
     """
@@ -57,9 +58,16 @@ def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
         )
         found = {"J": at_nodes(k.J)}
         if material.permittivity:
-            e = at_nodes(k.e)
-            found["E"], found["D"] = e, material.permittivity * e
-            found["maxwell_stress"] = local.maxwell(material.permittivity, e)
+            e, eps = at_nodes(k.e), np.asarray(material.permittivity)
+            if material.slope:
+                eps = at_nodes(material.permittivity_at(k.F))
+            found["E"], found["D"] = e, eps[..., None] * e
+            found["maxwell_stress"] = local.maxwell(eps, e)
+            if material.slope:
+                stress = local.electrostriction(
+                    material.slope, material.area_stretch(k.F), k.F, k.e
+                )
+                found["maxwell_stress"] += at_nodes(stress)
         if material.law is not None:
             pressure = None
             if mixed:

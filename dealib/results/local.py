@@ -104,11 +104,30 @@ def cauchy(F: Array, S: Array) -> Array:
     return np.asarray(F @ S @ np.swapaxes(F, -1, -2) / np.linalg.det(F)[..., None, None])
 
 
-def maxwell(permittivity: float, e: Array) -> Array:
+def maxwell(permittivity: float | Array, e: Array) -> Array:
     """Maxwell stress eps (e (x) e - e.e I / 2), MPa (thesis, section 2.3)."""
     ee = np.einsum("...i,...j->...ij", e, e)
     square = np.einsum("...i,...i", e, e)[..., None, None]
-    return np.asarray(permittivity * (ee - square / 2 * np.eye(3)))
+    eps = np.asarray(permittivity)[..., None, None]
+    return np.asarray(eps * (ee - square / 2 * np.eye(3)))
+
+
+def electrostriction(slope: float, stretch: Array, F: Array, e: Array) -> Array:
+    """Stress of a permittivity that depends on the area stretch l, MPa.
+
+    At a given field the energy -(eps/2) J e.e gives -(e.e/2) (d eps/dF) F^T besides Maxwell's
+    stress; dl/dF F^T = l/2 (t (x) t + i (x) i), t along the film and i the hoop direction.
+
+    Args:
+        slope: d eps / dl, N/kV^2.
+        stretch: l, (...).
+        F: Deformation gradient, (..., 3, 3).
+        e: True field, (..., 3).
+    """
+    t = F[..., 0] / np.linalg.norm(F[..., 0], axis=-1)[..., None]
+    in_plane = t[..., :, None] * t[..., None, :] + np.diag([0.0, 0.0, 1.0])
+    size = -np.einsum("...i,...i", e, e) * slope * stretch / 4
+    return np.asarray(size[..., None, None] * in_plane)
 
 
 @dataclass(frozen=True)
@@ -119,22 +138,35 @@ class RegionMaterial:
         law: Its law; None for air and rigid blocks.
         permittivity: eps in N/kV^2; 0 for a conductor.
         prestretch: Stretches (radial, thickness, hoop) of the mounted state, or None.
+        slope: Change of eps a unit of area stretch, N/kV^2.
     """
 
     law: Law | None
     permittivity: float
     prestretch: Array | None = None
+    slope: float = 0.0
+
+    def area_stretch(self, F: Array) -> Array:
+        """Square root of the growth in area of layers that were normal to Z."""
+        radial, _, hoop = np.ones(3) if self.prestretch is None else self.prestretch
+        along = np.linalg.norm(F[..., 0], axis=-1)
+        return np.asarray(np.sqrt(radial * along * hoop * F[..., 2, 2]))
+
+    def permittivity_at(self, F: Array) -> Array:
+        """Eps at deformation gradients, N/kV^2."""
+        return self.permittivity + self.slope * self.area_stretch(F)
 
 
 def region_materials(config: Config) -> dict[str, RegionMaterial]:
     """Materials of all regions that a config can have."""
     film, g = config.materials.film, config.geometry
+    eps = film.permittivity
     radial, hoop = film.prestretch
     mounted = np.array([radial, thickness_stretch(film, radial, hoop), hoop])
     electrode = RegionMaterial(config.materials.electrode, 0.0)
     block = RegionMaterial(None, EPSILON_0 * (g.clamps.relative_permittivity if g.clamps else 1))
     return {
-        "film": RegionMaterial(film, EPSILON_0 * film.relative_permittivity, mounted),
+        "film": RegionMaterial(film, EPSILON_0 * eps.intercept, mounted, EPSILON_0 * eps.slope),
         "top_electrode": electrode,
         "bottom_electrode": electrode,
         "air": RegionMaterial(None, EPSILON_0),

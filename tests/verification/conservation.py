@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -26,9 +27,10 @@ U, V = -2.0, 2.0  # mm, kV
 POINTS = 12
 
 
-def device(**geometry: float) -> Bench:
+def device(permittivity: Any = 3.0, **geometry: float) -> Bench:
     """A coarse device with electrodes."""
     film = {"law": "neo_hookean", "youngs_modulus": 1.0, "prestretch": 1.15}
+    film |= {"relative_permittivity": permittivity}
     electrode = {"law": "mooney_rivlin", "youngs_modulus": 2.0}
     mesh = {"columns": 20, "film_rows": 2, "grading": "ends"}
     materials = {"electrode": electrode}
@@ -42,11 +44,16 @@ def derivative(f: Callable[[float], float], at: float, h: float) -> float:
     return (8 * (f(at + h) - f(at - h)) - f(at + 2 * h) + f(at - 2 * h)) / (12 * h)
 
 
-def derivatives() -> Iterator[Row]:
+def by_stretch() -> Iterator[Row]:
+    """The same where the permittivity depends on stretch."""
+    yield from derivatives({"intercept": 4.15, "slope": -1.0}, ", eps_r = 4.15 - l")
+
+
+def derivatives(permittivity: Any = 3.0, note: str = "") -> Iterator[Row]:
     """Duals and reciprocity, by finite differences."""
-    bench = device().move(steps=6, mount=U).move(steps=2, terminal=V)
+    bench = device(permittivity).move(steps=6, mount=U).move(steps=2, terminal=V)
     force, charge = bench.force, bench.charge
-    case, source = f"conservation, U = {U:g} mm, V = {V:g} kV", "finite differences"
+    case, source = f"conservation, U = {U:g} mm, V = {V:g} kV{note}", "finite differences"
 
     def at(port: str, quantity: str) -> Callable[[float], float]:
         rest = {"mount": U, "terminal": V}

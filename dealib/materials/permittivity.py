@@ -1,0 +1,35 @@
+"""Permittivity of a film: constant, or linear in its stretch."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
+
+
+class StretchPermittivity(BaseModel):
+    """Relative permittivity that depends on stretch: intercept + slope * stretch.
+
+    The stretch is sqrt(l1 l2), the square root by which the film's area has grown since its
+    unstretched state: the stretch itself when equal-biaxial, lz^(-1/2) when incompressible.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    intercept: float = Field(description="relative permittivity extrapolated to the stretch 0")
+    slope: float = Field(description="change of it a unit of stretch; negative in most films")
+
+    def at(self, stretch: Any) -> Any:
+        """Relative permittivity at a stretch."""
+        return self.intercept + self.slope * stretch
+
+
+def _kind(value: object) -> str:
+    return "by stretch" if isinstance(value, (dict, StretchPermittivity)) else "number"
+
+
+RelativePermittivity = Annotated[
+    Annotated[float, Field(gt=0), Tag("number")]
+    | Annotated[StretchPermittivity, Tag("by stretch")],
+    Discriminator(_kind),
+]
