@@ -58,8 +58,8 @@ EDITS = [
       "'1 MPa'",
       "16:3: materials.electrode.bulk_modulus: this key is missing: bulk modulus kappa; such as "
       "'1 MPa'",
-      "18:5: materials.electrode.c10: unknown key; known: youngs_modulus, law, shear_modulus, "
-      "bulk_modulus"], "c10:"),
+      "18:5: materials.electrode.c10: unknown key; known: library, youngs_modulus, law, "
+      "shear_modulus, bulk_modulus"], "c10:"),
     ("missing key", "  outer_radius: 12 mm\n", "",
      "2:1: geometry.outer_radius: this key is missing: inner radius of the rigid frame; such as "
      "'30 um'", "geometry:"),
@@ -130,6 +130,18 @@ EDITS = [
     ("a mapping for the program", BASE[BASE.index("  - {stage: prestrain}"):], "  stage: push\n",
      "20:3: program: expected a list, not a mapping", "stage: push"),
     # laws
+    ("unknown material", "law: neo_hookean\n    youngs_modulus: 1 MPa", "library: elastosil",
+     "12:14: materials.film.library: unknown material 'elastosil'; did you mean 'elastosil_2030'?",
+     "elastosil"),
+    ("a material of another law", "neo_hookean\n    youngs_modulus: 1 MPa",
+     "gent\n    library: elastosil_2030",
+     "12:10: materials.film.law: the law of elastosil_2030 is yeoh; drop law, or library", "gent"),
+    ("a material without permittivity",
+     "law: neo_hookean\n    youngs_modulus: 1 MPa\n    relative_permittivity: 3.0",
+     "library: deap_film",
+     "11:3: materials.film.relative_permittivity: this key is missing: of the film: a number, or "
+     "{intercept: a, slope: b} for a + b * stretch, the stretch being the square root of the "
+     "film's growth in area", "film:"),
     ("unknown law", "law: neo_hookean\n    youngs_modulus: 1", "law: neohookean\n    x: 1",
      "12:10: materials.film.law: unknown law 'neohookean'; did you mean 'neo_hookean'?",
      "neohookean"),
@@ -335,7 +347,7 @@ def test_bad_override(dealib, tmp_path, assignment, expected):
     expected = [expected] if isinstance(expected, str) else expected
     said = "\n".join(f"--set {assignment}: {e}" for e in expected)
     code, out, err = dealib("check", path, "--set", assignment)
-    known = "relative_permittivity, prestretch, "
+    known = "library, relative_permittivity, prestretch, "
     assert (code, out) == (2, "")
     assert err == f"dealib: {said}\n".replace("KEYS", known + keys)
 

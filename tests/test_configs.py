@@ -15,6 +15,7 @@ CONFIG_NAMES = {
     "deap100_displacement",
     "deap200",
     "deap75",
+    "elastosil",
     "membrane",
     "own_mesh",
 }

@@ -102,7 +102,7 @@ def test_command_lists_laws_and_draws_one(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("mooney",), "unknown law 'mooney'"),
+        (("mooney",), "unknown law or material 'mooney'"),
         (("neo_hookean", "--set", "c10=1 MPa"), "unknown parameter"),
         (("mooney_rivlin", "--set", "youngs_modulus=1"), "has no unit"),
         (("neo_hookean", "--out", "a.bmp"), "must end in .png, .svg, .pdf"),

@@ -232,7 +232,9 @@ def report(
 
 @app.command()
 def materials(
-    law: Annotated[str | None, typer.Argument(metavar="[LAW]", help="draw this law")] = None,
+    law: Annotated[
+        str | None, typer.Argument(metavar="[LAW]", help="draw this law or material")
+    ] = None,
     set: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="a parameter, such as c10='0.25 MPa'"),
@@ -244,7 +246,7 @@ def materials(
     dark: Dark = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """List the laws, or draw one law's own response and its stability limit."""
+    """List laws and published materials, or draw one's own response and its stability limit."""
     from dealib.cli import materials as command
     from dealib.errors import ConfigError
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 
 import typer
@@ -10,10 +11,11 @@ from pydantic import ValidationError
 from dealib.config.source import did_you_mean
 from dealib.errors import ConfigError
 from dealib.materials.laws import LAWS, Law
+from dealib.materials.library import library
 
 
 def list_laws() -> str:
-    """All laws with their parameters, their units and what they mean."""
+    """All laws with their parameters and what they mean, and all materials of the library."""
     rows = []
     for name, law in LAWS.items():
         rows.append(f"{name}: {(law.__doc__ or '').splitlines()[0].partition(': ')[2]}")
@@ -21,18 +23,25 @@ def list_laws() -> str:
             rows.append(f"    {parameter:<16} {law.model_fields[parameter].description}")
     rows.append("each also takes youngs_modulus in place of its moduli, by the thesis's rule;")
     rows.append("moduli with their unit, such as '0.25 MPa'")
+    rows += ["", "Published materials, for library: NAME in a config:"]
+    for name, entry in library().items():
+        rows.append(f"{name}: {entry.description}")
+        rows.append(f"    {entry.words}")
+        rows.extend(f"    {line}" for line in textwrap.wrap(entry.source, 96))
     return "\n".join(rows)
 
 
 def given_law(name: str, settings: list[str]) -> Law:
-    """A law with `key=value` parameters; with those of its example if there are none.
+    """A law, or a material's, with `key=value` parameters; a law's example if there are none.
 
     Raises:
         ConfigError: If the law or a parameter is unknown or wrong.
     """
-    if name not in LAWS:
-        raise ConfigError(f"unknown law {name!r}{did_you_mean(name, LAWS)}")
-    law, values = LAWS[name], {}
+    entry = library().get(name)
+    if name not in LAWS and entry is None:
+        hint = did_you_mean(name, [*LAWS, *library()])
+        raise ConfigError(f"unknown law or material {name!r}{hint}")
+    law, values = (LAWS[name] if entry is None else entry.law), {}
     for setting in settings:
         key, sign, value = setting.partition("=")
         key = key.strip()
@@ -43,6 +52,8 @@ def given_law(name: str, settings: list[str]) -> Law:
             raise ConfigError(f"--set {setting}: unknown parameter{did_you_mean(key, known)}")
         values[key] = value.strip()
     try:
+        if entry is not None:
+            return law.model_validate(entry.with_changes(values, ()))
         return law.model_validate({"law": name} | (values or law.example()))
     except ValidationError as error:
         found = [

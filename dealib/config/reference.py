@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from dealib.config.schema import Config
+from dealib.materials.library import library
 from dealib.units import DIMENSIONS
 
 Node = dict[str, Any]
@@ -118,7 +119,15 @@ def reference() -> str:
         *(f"| {name} | `{example}` |" for name, (_, example) in DIMENSIONS.items()),
     ]
     seen: set[str] = set()
-    return "\n".join([*head, *_section(schema, "", schema["$defs"], seen)]) + "\n"
+    return "\n".join([*head, *_section(schema, "", schema["$defs"], seen), *_library()]) + "\n"
+
+
+def _library() -> Iterator[str]:
+    yield from ("", "## Published materials", "")
+    yield from ("For `library` of a film or an electrode; every value can be overridden.", "")
+    yield from ("| name | what | values | source |", "|---|---|---|---|")
+    for name, entry in library().items():
+        yield f"| `{name}` | {entry.description} | {entry.words} | {entry.source} |"
 
 
 def _section(node: Node, path: str, defs: Node, seen: set[str]) -> Iterator[str]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import (
     AfterValidator,
+    BaseModel,
     BeforeValidator,
     Field,
     create_model,
@@ -16,8 +17,10 @@ from pydantic import (
 from dealib.config.bias import second_device
 from dealib.config.program import Stage
 from dealib.config.section import Section
+from dealib.config.source import did_you_mean
 from dealib.errors import ValueAt
 from dealib.materials.laws import LAWS, Law, invariants_of_stretches
+from dealib.materials.library import library
 from dealib.materials.permittivity import RelativePermittivity, StretchPermittivity
 from dealib.units import Length, Stress
 
@@ -124,7 +127,17 @@ def _pair(value: object) -> object:
 Stretch = Annotated[float, Field(ge=0.5, le=10)]
 
 
-class FilmProperties(Section):
+class Named(BaseModel):
+    """A material that may come from the library."""
+
+    library: str | None = Field(
+        None,
+        description="take what is not given from this published material (see dealib materials)",
+        json_schema_extra=lambda node: node.update({"enum": list(library())}),
+    )
+
+
+class FilmProperties(Named):
     """What the film has besides its law."""
 
     relative_permittivity: RelativePermittivity = Field(
@@ -161,22 +174,63 @@ if TYPE_CHECKING:
 
         law: str
 
-    class ElectrodeMaterial(Law):
+    class ElectrodeMaterial(Law, Named):
         """A law."""
 
         law: str
 else:
     FilmMaterial = _choice((FilmProperties,), "Film")
-    ElectrodeMaterial = _choice((), "Electrode")
+    ElectrodeMaterial = _choice((Named,), "Electrode")
+
+
+def _or_named(node: dict[str, Any]) -> None:
+    """In the JSON schema: a material of the library needs no law."""
+    choices = node if "oneOf" in node else next(c for c in node["anyOf"] if "oneOf" in c)
+    choices["oneOf"].append(
+        {
+            "type": "object",
+            "properties": {"library": {"enum": list(library())}},
+            "required": ["library"],
+            "not": {"required": ["law"]},
+        }
+    )
+
+
+def _complete(given: dict[str, Any], region: str) -> dict[str, Any]:
+    """A region's material with what the library adds to it."""
+    name = given["library"]
+    if name not in library():
+        hint = did_you_mean(name, library())
+        raise ValueAt((region, "library"), f"unknown material {name!r}{hint}")
+    entry = library()[name]
+    law = entry.values["law"]
+    if given.get("law", law) != law:
+        raise ValueAt((region, "law"), f"the law of {name} is {law}; drop law, or library")
+    return entry.with_changes(given, tuple(FilmProperties.model_fields) if region == "film" else ())
 
 
 class Materials(Section):
     """Materials by region."""
 
-    film: FilmMaterial = Field(description="law and dielectric properties of the film")
-    electrode: ElectrodeMaterial | None = Field(
-        None, description="of both electrodes; needed if electrode_thickness is above zero"
+    film: FilmMaterial = Field(
+        description="law and dielectric properties of the film", json_schema_extra=_or_named
     )
+    electrode: ElectrodeMaterial | None = Field(
+        None,
+        description="of both electrodes; needed if electrode_thickness is above zero",
+        json_schema_extra=_or_named,
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_library(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        return data | {
+            region: _complete(given, region)
+            for region, given in data.items()
+            if isinstance(given, dict) and isinstance(given.get("library"), str)
+        }
 
     @model_validator(mode="after")
     def _possible(self) -> Materials:

@@ -1,0 +1,72 @@
+"""Published materials, each with its source."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML
+
+from dealib.materials.laws import LAWS, Law
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One material.
+
+    Attributes:
+        description: What it is.
+        source: Where its values are from.
+        values: Keys of a film's material in a config, its `law` among them.
+    """
+
+    description: str
+    source: str
+    values: Mapping[str, Any]
+
+    @property
+    def law(self) -> type[Law]:
+        """Its law."""
+        return LAWS[self.values["law"]]
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The law's parameters alone."""
+        return {n: self.values[n] for n in self.law.names() if n in self.values}
+
+    @property
+    def words(self) -> str:
+        """The values in words, such as 'yeoh: c10 0.2 MPa, c20 -10 kPa'."""
+        rest = ", ".join(f"{k} {_text(v)}" for k, v in self.values.items() if k != "law")
+        return f"{self.values['law']}: {rest}"
+
+    def with_changes(self, given: Mapping[str, Any], only: tuple[str, ...]) -> dict[str, Any]:
+        """The values with others in their place.
+
+        Args:
+            given: Keys of a config; youngs_modulus replaces all parameters that it rules.
+            only: Keys of the material besides its law's that are wanted.
+        """
+        kept = {"law": self.values["law"]} | self.parameters
+        kept |= {k: v for k, v in self.values.items() if k in only}
+        if given.get("youngs_modulus") is not None:
+            ruled = set(self.law.names()) - set(self.law.besides)
+            kept = {k: v for k, v in kept.items() if k not in ruled}
+        return kept | dict(given)
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, dict):
+        return " ".join(f"{k} {v}" for k, v in value.items())
+    return "[" + ", ".join(map(str, value)) + "]" if isinstance(value, list) else str(value)
+
+
+@functools.cache
+def library() -> dict[str, Entry]:
+    """All materials by name."""
+    path = Path(__file__).with_name("library.yaml")
+    found = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+    return {name: Entry(**entry) for name, entry in found.items()}
