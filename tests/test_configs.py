@@ -11,10 +11,12 @@ CONFIG_NAMES = {
     "bias_negative_rate",
     "benchmark_strip",
     "benchmark_strip_air",
+    "creep",
     "deap100",
     "deap100_displacement",
     "deap200",
     "deap75",
+    "hysteresis",
     "membrane",
     "own_mesh",
 }

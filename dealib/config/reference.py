@@ -121,8 +121,9 @@ def reference() -> str:
     return "\n".join([*head, *_section(schema, "", schema["$defs"], seen)]) + "\n"
 
 
-def _section(node: Node, path: str, defs: Node, seen: set[str]) -> Iterator[str]:
-    yield from ("", f"## `{path}`" if path else "## Top level", "")
+def _section(node: Node, path: str, defs: Node, seen: set[str], law: str = "") -> Iterator[str]:
+    heading = f"## `{path}`" if path else "## Top level"
+    yield from ("", heading + (f" with law `{law}`" if law else ""), "")
     yield from (node.get("description", ""), "")
     yield from ("| key | value | default | meaning |", "|---|---|---|---|")
     below: list[tuple[str, Node]] = []
@@ -144,10 +145,11 @@ def _section(node: Node, path: str, defs: Node, seen: set[str]) -> Iterator[str]
         tagged = variants(inner, defs)
         for tag, variant in tagged.items():
             if tag not in seen:
-                yield from _section(variant, f"{name}` with law `{tag}", defs, seen)
+                yield from _section(variant, name, defs, seen, tag)
         if tagged and seen.issuperset(tagged):
             keys = "`, `".join(tagged)
             yield from ("", f"## `{name}`", "", f"Laws and their parameters as above: `{keys}`.")
         seen.update(tagged)
-        if not tagged:
+        if not tagged and inner["$ref"] not in seen:
+            seen.add(inner["$ref"])
             yield from _section(resolve(inner, defs), name, defs, seen)

@@ -17,6 +17,7 @@ from dealib.config.bias import second_device
 from dealib.config.program import Stage
 from dealib.config.section import Section
 from dealib.errors import ValueAt
+from dealib.materials.branches import Viscoelastic
 from dealib.materials.laws import LAWS, Law, invariants_of_stretches
 from dealib.materials.permittivity import RelativePermittivity, StretchPermittivity
 from dealib.units import Length, Stress
@@ -156,18 +157,18 @@ def _choice(bases: tuple[type, ...], suffix: str) -> Any:
 
 if TYPE_CHECKING:
 
-    class FilmMaterial(Law, FilmProperties):
+    class FilmMaterial(Law, Viscoelastic, FilmProperties):
         """A law and the film's properties."""
 
         law: str
 
-    class ElectrodeMaterial(Law):
+    class ElectrodeMaterial(Law, Viscoelastic):
         """A law."""
 
         law: str
 else:
-    FilmMaterial = _choice((FilmProperties,), "Film")
-    ElectrodeMaterial = _choice((), "Electrode")
+    FilmMaterial = _choice((Viscoelastic, FilmProperties), "Film")
+    ElectrodeMaterial = _choice((Viscoelastic,), "Electrode")
 
 
 class Materials(Section):
@@ -224,6 +225,12 @@ class Solver(Section):
         6, ge=1, description="increments grow back while a step needs at most this many"
     )
     max_cuts: int = Field(10, ge=0, description="halvings of an increment before giving up")
+    time_tolerance: float = Field(
+        1e-3,
+        ge=0,
+        description="on the strain of Maxwell branches in a step, by which increments are cut; 0: "
+        "never, steps as given",
+    )
     predictor_order: int = Field(
         3, ge=0, le=4, description="highest order of the extrapolation; 0: from the last state"
     )
