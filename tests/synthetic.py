@@ -1,4 +1,4 @@
-"""Makes the synthetic data of configs/fits/example.yaml: `python tests/synthetic.py`."""
+"""Makes the synthetic data of configs/fits: `python tests/synthetic.py`."""
 
 from pathlib import Path
 
@@ -47,7 +47,39 @@ def texts():
     force += random.normal(0, NOISE, len(v))
     second = "Voltage [V];Load cell [mN]\n"
     second += "".join(f"{a:.0f};{b:.2f}\n" for a, b in zip(1e3 * v, 1e3 * force, strict=True))
-    return {"synthetic_push.csv": LABEL + first, "synthetic_voltage.csv": LABEL + second}
+    return {
+        "synthetic_push.csv": LABEL + first,
+        "synthetic_voltage.csv": LABEL + second,
+        "synthetic_relaxation.csv": relaxation(),
+    }
+
+
+RELAXING = {  # MPa, s
+    "materials.electrode.youngs_modulus": 2.0,
+    "materials.electrode.branches.0.shear_modulus": 0.25,
+    "materials.electrode.branches.0.relaxation_time": 0.4,
+    "materials.electrode.branches.1.shear_modulus": 0.25,
+    "materials.electrode.branches.1.relaxation_time": 8.0,
+}
+RELAXING_NOISE = 5e-4  # N
+RELAXING_LABEL = """\
+# SYNTHETIC data, no measurement: computed by dealib for configs/fits/relaxation.yaml with
+# electrodes of youngs_modulus 2 MPa and branches of 250 kPa, 0.4 s and 250 kPa, 8 s,
+# plus normal noise of standard deviation 0.5 mN on the force (seed 2011).
+"""
+
+
+def relaxation():
+    """Content of the relaxation curve's file."""
+    plan = Plan(FITS / "relaxation.yaml")
+    units = {key: 1e3 if "shear" in key else 1.0 for key in RELAXING}  # kPa, MPa, s
+    case = plan.case(0, {key: units[key] * value for key, value in RELAXING.items()})
+    h = [state.row for state in dealib.Simulation(case)]
+    t, F = (np.array([row[k] for row in h]) for k in ("time_s", "force_N"))
+    x = np.concatenate([np.linspace(0.1, 1.1, 21), np.geomspace(1.3, 60, 30)])
+    force = np.interp(x, t, F) + np.random.default_rng(SEED).normal(0, RELAXING_NOISE, len(x))
+    rows = "".join(f"{a:.4f},{b:.5f}\n" for a, b in zip(x, force, strict=True))
+    return RELAXING_LABEL + "time [s],force [N]\n" + rows
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from synthetic import FITS, TRUE, texts
+from synthetic import FITS, RELAXING, TRUE, texts
 
 from dealib.__main__ import main
 from dealib.calibration import report
@@ -71,6 +71,18 @@ def test_example_finds_the_true_values(tmp_path, monkeypatch, capsys):
     assert code == 0
     assert "0 cases solved" in said
     assert (out / "parameters.csv").read_text() == before
+
+
+def test_branches_are_found_from_a_relaxation_curve(tmp_path, monkeypatch, capsys):
+    out = tmp_path / "fit"
+    code, _, _ = call(monkeypatch, capsys, FITS / "relaxation.yaml", "--out", out, "-j", 2)
+    assert code == 0
+    rows = {key: list(map(float, row[:4])) for key, *row in table(out / "parameters.csv")}
+    for key, true in RELAXING.items():
+        value, error, low, high = rows[key]
+        scale = 1e3 if "shear" in key else 1.0  # kPa
+        assert low < scale * true < high
+        assert 0 < error < 0.05 * value
 
 
 # --- the fit itself, on a model in closed form ---------------------------------------------------

@@ -11,11 +11,13 @@ CONFIG_NAMES = {
     "bias_negative_rate",
     "benchmark_strip",
     "benchmark_strip_air",
+    "creep",
     "deap100",
     "deap100_displacement",
     "deap200",
     "deap75",
     "elastosil",
+    "hysteresis",
     "membrane",
     "own_mesh",
 }

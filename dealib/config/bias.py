@@ -192,6 +192,13 @@ def second_device(config: Any, film: SecondFilm) -> Any:
                 ("set",), f"{key}: only keys such as geometry.film_thickness or materials.film"
             )
         node[last] = value
+    materials = tree["materials"].values()
+    if any(isinstance(part, dict) and part.get("branches") for part in materials):
+        raise ValueAt(
+            ("set",),
+            "a second film answers at once: set materials.film.branches (and those of the "
+            "electrode) to [], which leaves its long-run stiffness",
+        )
     try:
         return type(config).model_validate(tree)
     except ValidationError as error:

@@ -130,8 +130,9 @@ def _library() -> Iterator[str]:
         yield f"| `{name}` | {entry.description} | {entry.words} | {entry.source} |"
 
 
-def _section(node: Node, path: str, defs: Node, seen: set[str]) -> Iterator[str]:
-    yield from ("", f"## `{path}`" if path else "## Top level", "")
+def _section(node: Node, path: str, defs: Node, seen: set[str], law: str = "") -> Iterator[str]:
+    heading = f"## `{path}`" if path else "## Top level"
+    yield from ("", heading + (f" with law `{law}`" if law else ""), "")
     yield from (node.get("description", ""), "")
     yield from ("| key | value | default | meaning |", "|---|---|---|---|")
     below: list[tuple[str, Node]] = []
@@ -143,9 +144,8 @@ def _section(node: Node, path: str, defs: Node, seen: set[str]) -> Iterator[str]
         if "$ref" in inner or "discriminator" in inner:
             below.append((f"{path}.{key}".lstrip(".") + ("[]" if inner is items else ""), inner))
         for choice in value.get("anyOf", []):
-            if choice.get("$ref", "") not in seen | {""}:  # told once, whatever the law
-                seen.add(choice["$ref"])
-                below.append((f"{path.split('`')[0]}.{key}", choice))
+            if "$ref" in choice:
+                below.append((f"{path}.{key}", choice))
         means = meaning(value) or resolve(inner, defs).get("description", "")
         what = "list of sections" if inner is items and inner else kind(value)
         yield f"| `{key}` | {what} | {default} | {means} |".replace("  ", " ")
@@ -153,10 +153,11 @@ def _section(node: Node, path: str, defs: Node, seen: set[str]) -> Iterator[str]
         tagged = variants(inner, defs)
         for tag, variant in tagged.items():
             if tag not in seen:
-                yield from _section(variant, f"{name}` with law `{tag}", defs, seen)
+                yield from _section(variant, name, defs, seen, tag)
         if tagged and seen.issuperset(tagged):
             keys = "`, `".join(tagged)
             yield from ("", f"## `{name}`", "", f"Laws and their parameters as above: `{keys}`.")
         seen.update(tagged)
-        if not tagged:
+        if not tagged and inner["$ref"] not in seen:
+            seen.add(inner["$ref"])
             yield from _section(resolve(inner, defs), name, defs, seen)

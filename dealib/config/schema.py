@@ -19,6 +19,7 @@ from dealib.config.program import Stage
 from dealib.config.section import Section
 from dealib.config.source import did_you_mean
 from dealib.errors import ValueAt
+from dealib.materials.branches import Viscoelastic
 from dealib.materials.laws import LAWS, Law, invariants_of_stretches
 from dealib.materials.library import library
 from dealib.materials.permittivity import RelativePermittivity, StretchPermittivity
@@ -169,18 +170,18 @@ def _choice(bases: tuple[type, ...], suffix: str) -> Any:
 
 if TYPE_CHECKING:
 
-    class FilmMaterial(Law, FilmProperties):
+    class FilmMaterial(Law, Viscoelastic, FilmProperties):
         """A law and the film's properties."""
 
         law: str
 
-    class ElectrodeMaterial(Law, Named):
+    class ElectrodeMaterial(Law, Named, Viscoelastic):
         """A law."""
 
         law: str
 else:
-    FilmMaterial = _choice((FilmProperties,), "Film")
-    ElectrodeMaterial = _choice((Named,), "Electrode")
+    FilmMaterial = _choice((Viscoelastic, FilmProperties), "Film")
+    ElectrodeMaterial = _choice((Named, Viscoelastic), "Electrode")
 
 
 def _or_named(node: dict[str, Any]) -> None:
@@ -206,7 +207,8 @@ def _complete(given: dict[str, Any], region: str) -> dict[str, Any]:
     law = entry.values["law"]
     if given.get("law", law) != law:
         raise ValueAt((region, "law"), f"the law of {name} is {law}; drop law, or library")
-    return entry.with_changes(given, tuple(FilmProperties.model_fields) if region == "film" else ())
+    of_film = tuple(FilmProperties.model_fields) if region == "film" else ()
+    return entry.with_changes(given, (*Viscoelastic.model_fields, *of_film))
 
 
 class Materials(Section):
@@ -278,6 +280,12 @@ class Solver(Section):
         6, ge=1, description="increments grow back while a step needs at most this many"
     )
     max_cuts: int = Field(10, ge=0, description="halvings of an increment before giving up")
+    time_tolerance: float = Field(
+        1e-3,
+        ge=0,
+        description="on the strain of Maxwell branches in a step, by which increments are cut; 0: "
+        "never, steps as given",
+    )
     predictor_order: int = Field(
         3, ge=0, le=4, description="highest order of the extrapolation; 0: from the last state"
     )

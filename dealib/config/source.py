@@ -86,7 +86,7 @@ class Source:
                 raise ConfigError(f"--set {assignment}: {problem}")
             if depth == len(parts) - 1:
                 node[part] = value
-            elif isinstance(node, CommentedMap) and node.get(part) is None:
+            elif isinstance(node, dict) and node.get(part) is None:
                 node[part] = CommentedMap()
             node = node[part]
         self.overridden[tuple(parts)] = assignment
@@ -170,9 +170,9 @@ def _yaml_problem(error: MarkedYAMLError) -> str:
 
 def _no_step(node: Any, part: str | int, above: str) -> str:
     """Why an override cannot step from a node to its part; empty if it can."""
-    if isinstance(node, CommentedMap):
+    if isinstance(node, dict):
         return "" if isinstance(part, str) else f"{above or 'the file'} is no list"
-    if not isinstance(node, CommentedSeq):
+    if not isinstance(node, list):
         return f"{above} is one value, it has no {part!r}"
     if isinstance(part, int) and part < len(node):
         return ""

@@ -65,6 +65,11 @@ if LEGACY:
     def mixed_element(elements: list[Any]) -> Any:
         """Element of a monolithic space."""
         return ufl.MixedElement(*elements)
+
+    def quadrature_element(mesh: Any, degree: int, size: int) -> Any:
+        """Element of vectors at the quadrature points of a degree."""
+        cell = mesh.ufl_cell()
+        return ufl.VectorElement("Quadrature", cell, degree, dim=size, quad_scheme="default")
 else:
     import basix.ufl
 
@@ -77,6 +82,12 @@ else:
     def mixed_element(elements: list[Any]) -> Any:
         """Element of a monolithic space."""
         return basix.ufl.mixed_element(list(elements))
+
+    def quadrature_element(mesh: Any, degree: int, size: int) -> Any:
+        """Element of vectors at the quadrature points of a degree."""
+        return basix.ufl.quadrature_element(
+            mesh.topology.cell_name(), value_shape=(size,), degree=degree
+        )
 
 
 PETSc.Log.begin()  # here and not later: collective on the world in PETSc 3.22 and newer
@@ -106,6 +117,14 @@ def tabulate(ufl_element: Any, points: npt.NDArray[np.float64]) -> npt.NDArray[n
 
         ufl_element = create_element(ufl_element)
     return np.asarray(ufl_element.tabulate(0, points)[0])
+
+
+def quadrature(mesh: Any, degree: int) -> tuple[Any, Any]:
+    """Reference points (points, 2) and weights of the forms' quadrature of a degree."""
+    import basix
+
+    points, weights = basix.make_quadrature(getattr(basix.CellType, cell_name(mesh)), degree)
+    return np.asarray(points), np.asarray(weights)
 
 
 @contextmanager

@@ -58,7 +58,7 @@ class OnePotential:
 
     def residual(self, problem: Problem, test: Any) -> Any:
         """See `Coupling`."""
-        total = problem.potential(problem.elastic + problem.electric)
+        total = problem.potential(problem.body + problem.electric)
         return ufl.derivative(total, problem.spaces.w, test)
 
 
@@ -77,7 +77,7 @@ class Loaded:
         """See `Coupling`."""
         w, (v, psi, *rest) = problem.spaces.w, ufl.split(test)
         charges = ufl.as_vector([0, 0, psi, *(0 for _ in rest)])  # of the potential only
-        body = ufl.derivative(problem.potential(problem.elastic), w, test)
+        body = ufl.derivative(problem.potential(problem.body), w, test)
         field = ufl.derivative(problem.potential(problem.electric), w, charges)
         return body + field - self.load(problem, v)
 

@@ -100,15 +100,19 @@ class Layout:
 
         The pressure, which jumps between cells, is averaged at the nodes of each region.
         """
-        parts = self._comm.gather(self.local()[: self._owned], root=0)
-        if self.mesh is None:
+        by_cell = self.gather_cells(self.local())
+        if by_cell is None or self.mesh is None:
             return None
-        by_cell = np.concatenate(parts)[self._order]
         nodal = self.mesh.to_nodes(by_cell)
         if self._pressure is not None:
             every = np.arange(len(self.mesh.cells))  # nodes are split where regions meet
             self.mesh.average(by_cell[..., 3], every, nodal[:, 3:])
         return nodal
+
+    def gather_cells(self, values: Floats) -> Floats | None:
+        """Values of the local cells, (cells, ...), for the whole mesh on rank 0."""
+        parts = self._comm.gather(values[: self._owned], root=0)
+        return None if parts is None else np.concatenate(parts)[self._order]
 
     def scatter(self, values: Floats | None) -> None:
         """Set the state from nodal values of the whole mesh on rank 0 (inverse of `gather`).

@@ -16,6 +16,7 @@ import numpy as np
 
 from dealib.fem.layout import Layout
 from dealib.fem.newton import Newton
+from dealib.fem.viscous import Viscosity
 from dealib.geometry import names
 from dealib.results import local
 from dealib.results.elements import inverse
@@ -27,6 +28,7 @@ class Snapshot:
 
     newton: Newton
     layout: Layout
+    viscosity: Viscosity | None = None
 
     @cached_property
     def ports(self) -> dict[str, float]:
@@ -88,8 +90,9 @@ def capacitance_pF(s: Snapshot) -> float:
 
 
 def elastic_energy_mJ(s: Snapshot) -> float:
-    """Elastic energy of film and electrodes, zero in the unstretched state."""
-    return s.newton.system.problem.integrate("elastic")
+    """Elastic energy of film and electrodes and their branches, zero in the unstretched state."""
+    branches = 0.0 if s.viscosity is None else s.viscosity.stored
+    return s.newton.system.problem.integrate("elastic") + branches
 
 
 def electric_energy_mJ(s: Snapshot) -> float:
@@ -120,6 +123,16 @@ def stretch_max(s: Snapshot) -> float:
     return float(np.sqrt(s.largest(np.linalg.eigvalsh(C)[..., -1])))
 
 
+def dissipated_energy_mJ(s: Snapshot) -> float:
+    """Energy dissipated in Maxwell branches so far."""
+    return 0.0 if s.viscosity is None else s.viscosity.dissipated
+
+
+def dissipated_power_mW(s: Snapshot) -> float:
+    """Rate of the energy above."""
+    return 0.0 if s.viscosity is None else s.viscosity.power
+
+
 QUANTITIES: dict[str, Callable[[Snapshot], float]] = {
     f.__name__: f
     for f in (
@@ -138,6 +151,10 @@ QUANTITIES: dict[str, Callable[[Snapshot], float]] = {
 }
 
 
+# with Maxwell branches
+VISCOUS = {f.__name__: f for f in (dissipated_energy_mJ, dissipated_power_mW)}
+
+
 def film_stretches(newton: Newton, layout: Layout) -> Any:
     """In-plane principal stretches of the film since its unstretched state (collective).
 
@@ -153,7 +170,8 @@ def film_stretches(newton: Newton, layout: Layout) -> Any:
     return np.concatenate(newton.system.map.comm.allgather(mine))
 
 
-def measure(newton: Newton, layout: Layout) -> dict[str, float]:
+def measure(newton: Newton, layout: Layout, viscosity: Viscosity | None = None) -> dict[str, float]:
     """All quantities of the current state, on every rank (collective)."""
-    snapshot = Snapshot(newton, layout)
-    return {name: function(snapshot) for name, function in QUANTITIES.items()}
+    snapshot = Snapshot(newton, layout, viscosity)
+    wanted = QUANTITIES if viscosity is None else QUANTITIES | VISCOUS
+    return {name: function(snapshot) for name, function in wanted.items()}

@@ -29,6 +29,7 @@ from dealib.fem.energies import (
     parameters,
 )
 from dealib.fem.kinematics import Axisymmetric
+from dealib.fem.viscous import maxwell_branches, step_terms
 from dealib.geometry import names
 from dealib.geometry.supports import Support, supports
 from dealib.materials import Law, invariants_of_stretches, thickness_stretch
@@ -51,6 +52,8 @@ class Problem:
         prestretch: Constant (radial, thickness, hoop) of the film.
         coupling: How the electric field loads the body.
         locking: Constant: the share of a law's extensibility that `locked` asks for.
+        branches: Potentials of the Maxwell branches over a time step.
+        terms: What they depend on besides the deformation (`Viscosity` sets it); None without.
     """
 
     config: Config
@@ -64,12 +67,19 @@ class Problem:
     prestretch: Any
     coupling: Coupling
     locking: Any
+    branches: list[Energy] = field(default_factory=list)
+    terms: Any = None
     _forms: dict[str, Any] = field(default_factory=dict)
 
     @property
     def degree(self) -> int:
-        """Quadrature degree: 3 x 3 Gauss points on second-order cells, 2 x 2 on first-order."""
-        return 2 * self.spaces.order
+        """Quadrature degree (see `quadrature_degree`)."""
+        return quadrature_degree(self.spaces.order)
+
+    @property
+    def body(self) -> list[Energy]:
+        """Energies of the solids."""
+        return self.elastic + self.branches
 
     @property
     def symmetric(self) -> bool:
@@ -185,6 +195,11 @@ class Problem:
         return float(EPSILON_0 * film.permittivity.at(stretch) * area / g.film_thickness)
 
 
+def quadrature_degree(order: int) -> int:
+    """Of integrals: 3 x 3 Gauss points on second-order cells, 2 x 2 on first-order."""
+    return 2 * order
+
+
 def shear_modulus(law: Law) -> float:
     """Shear modulus of a law at rest, MPa, from its energy under a small pure shear."""
     d, p = 1e-3, law.values
@@ -219,8 +234,15 @@ def problem_on(device: Device, config: Config, held: list[Support]) -> Problem:
     def permittivity(relative: float) -> Any:
         return constant(mesh, EPSILON_0 * relative)
 
-    def solid(kind: str, law: Law, prestretch: Any = None) -> Energy:
+    electrode = m.electrode if names.TOP_ELECTRODE in device.groups else None
+    count = max(len(law.branches) for law in (m.film, electrode) if law is not None)
+    terms = step_terms(device, quadrature_degree(spaces.order), count) if count else None
+    branches: list[Energy] = []
+
+    def solid(kind: str, law: Any, prestretch: Any = None) -> Energy:
         part = Hyperelastic(kind, law, parameters(mesh, law), prestretch)
+        if law.branches:
+            branches.extend(maxwell_branches(part, law.branches, terms))
         return MixedHyperelastic(part, ufl.split(spaces.w)[2]) if mixed else part
 
     elastic = [solid("film", m.film, prestretch)]
@@ -232,8 +254,8 @@ def problem_on(device: Device, config: Config, held: list[Support]) -> Problem:
         )
     electric: list[Energy] = [film]
     motion: list[Energy] = []
-    if names.TOP_ELECTRODE in device.groups and m.electrode is not None:
-        elastic.append(solid("electrodes", m.electrode))
+    if electrode is not None:
+        elastic.append(solid("electrodes", electrode))
     if names.MOUNT_BLOCK in device.groups and g.clamps is not None:
         electric.append(IdealDielectric("blocks", permittivity(g.clamps.relative_permittivity)))
     if names.AIR in device.groups:
@@ -251,4 +273,6 @@ def problem_on(device: Device, config: Config, held: list[Support]) -> Problem:
         prestretch=prestretch,
         coupling=COUPLINGS[config.physics.coupling],
         locking=constant(mesh, 1.0),
+        branches=branches,
+        terms=terms,
     )

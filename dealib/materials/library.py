@@ -61,7 +61,7 @@ class Entry:
 def _text(value: Any) -> str:
     if isinstance(value, dict):
         return " ".join(f"{k} {v}" for k, v in value.items())
-    return "[" + ", ".join(map(str, value)) + "]" if isinstance(value, list) else str(value)
+    return "[" + ", ".join(map(_text, value)) + "]" if isinstance(value, list) else str(value)
 
 
 @functools.cache

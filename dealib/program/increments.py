@@ -15,6 +15,21 @@ from dealib.program.predictor import Predictor
 
 log = logging.getLogger(__name__)
 
+_SAFETY = 0.9  # of the increment that would just meet the tolerance
+_SMALLEST = 1e-9  # increment, of the first one wanted
+
+
+class _TooCoarse(NotConverged):
+    """An increment whose time integration is not accurate enough.
+
+    Attributes:
+        factor: By how much to shorten it, besides halving.
+    """
+
+    def __init__(self, share: float) -> None:
+        super().__init__(f"error of the time integration {share:.3g} times its tolerance")
+        self.factor = min(1.0, max(0.2, 2 * _SAFETY / math.sqrt(share)))
+
 
 @dataclass
 class Place:
@@ -37,13 +52,21 @@ class Increments:
         settings: Targets and limits.
         predictor: Where Newton starts; it lasts over the stages.
         place: Where the stage is; kept up to date.
+        error: Gives the time integration's error of the increment just solved; None if the states
+            do not depend on time.
     """
 
     def __init__(
-        self, newton: Newton, settings: Solver, predictor: Predictor, place: Place | None = None
+        self,
+        newton: Newton,
+        settings: Solver,
+        predictor: Predictor,
+        place: Place | None = None,
+        error: Callable[[], float] | None = None,
     ) -> None:
         self.newton, self.settings, self.predictor = newton, settings, predictor
         self.place = Place() if place is None else place
+        self.error = error
 
     def run(
         self,
@@ -80,11 +103,15 @@ class Increments:
                 inputs = apply(then)
                 try:
                     self._solve(kept, then, inputs)
+                    allowed = self._allowed(step)
                 except NotConverged as error:
                     kept.copy(q)
                     apply(place.now)
                     place.size = step / 2
-                    if place.size < smallest:
+                    if isinstance(error, _TooCoarse):
+                        place.size *= error.factor
+                        smallest = min(smallest, 0.5**self.settings.max_cuts * place.size)
+                    if place.size < smallest or place.size < _SMALLEST * targets[0]:
                         raise NotConverged(f"{explain(then)} ({error})") from None
                     log.info("increment to %.6g cut to %.3g: %s", then, place.size, error)
                     continue
@@ -92,10 +119,25 @@ class Increments:
                 kept, place.now = q.copy(), then
                 if self.newton.iterations <= self.settings.target_iterations:
                     place.size = 2 * step if step < left else max(place.size, 2 * step)
+                place.size = min(place.size, allowed)
                 log.debug("converged at %.6g of the stage, next %.3g", then, place.size)
                 if then in corners:
                     self.predictor.corner()
                 yield then
+
+    def _allowed(self, step: float) -> float:
+        """The next increment that time integration allows.
+
+        Raises:
+            _TooCoarse: If this one was too large.
+        """
+        tolerance = self.settings.time_tolerance
+        if self.error is None or tolerance == 0:
+            return math.inf
+        share = self.error() / tolerance
+        if share > 1:
+            raise _TooCoarse(share)
+        return _SAFETY * step / math.sqrt(max(share, 1e-12))
 
     def _solve(self, kept: Any, then: float, inputs: tuple[Any, ...]) -> None:
         """From a prediction if there is one, else (or if that fails) from the last state."""

@@ -40,12 +40,14 @@ class Predictor:
 
     Attributes:
         highest: Highest order of the polynomial; 0 always starts from the last state.
+        retrace: Whether the body is elastic, so that a way back can lead through known states.
         path: Known states, oldest first.
         segment: Number of them since the last corner, which is the first of these.
         back: Index in `path` of the state that the way back reached; None if not on a way back.
     """
 
     highest: int = 3
+    retrace: bool = True
     path: list[Known] = field(default_factory=list)
     segment: int = 0
     back: int | None = None
@@ -103,7 +105,7 @@ class Predictor:
 
     def _recall(self, inputs: tuple[Any, ...]) -> Any:
         """The state met on the way there, if the path back leads to it."""
-        if self.back is None or self.back < 1:
+        if not self.retrace or self.back is None or self.back < 1:
             return None
         if not self.path[self.back].smooth or not _equal(self.path[self.back - 1].inputs, inputs):
             self.back = None

@@ -77,16 +77,18 @@ class Recorder:
         """See `Observer`. The checkpoint comes last: what it knows of is all there."""
         begin = time.perf_counter()
         stored = self.wanted == "every" or (self.wanted == "stage" and state.end_of_stage)
-        nodal = state.nodal()
+        nodal, internal = state.nodal(), state.internal()
         if self._history is not None and self._states is not None:
+            viscosity = state.simulation.viscosity
+            at_gauss = None if viscosity is None else viscosity.at_gauss(internal)
             if self._fields is not None and stored:
-                found = fields(self.case.config, self._fields.mesh, nodal)
+                found = fields(self.case.config, self._fields.mesh, nodal, at_gauss)
                 self._fields.add(state.row["step"], state.row["time_s"], found)
             self._history.add(state.row)
-            self._states.add(state.row, nodal if stored else None)
+            self._states.add(state.row, nodal if stored else None, at_gauss)
             with self._timings("checkpoint"):
                 values = state.simulation.plain()
-                self._checkpoint.write(values, self._mesh, nodal, MEMORY)
+                self._checkpoint.write(values, self._mesh, nodal, MEMORY, internal)
         self._timings["output"] += time.perf_counter() - begin
 
     def stop(self, error: BaseException | None) -> None:

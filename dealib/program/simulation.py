@@ -19,6 +19,7 @@ from dealib.fem.measures import film_stretches, measure
 from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem
 from dealib.fem.system import Timings
+from dealib.fem.viscous import Viscosity
 from dealib.program.bias import ReachWatch, second_film
 from dealib.program.increments import Increments, Place
 from dealib.program.inputs import Drive, law, milestones, mount_drives, terminal_drives
@@ -45,6 +46,11 @@ class State:
     def nodal(self) -> Any:
         """Nodal values of the whole mesh on rank 0 (see `Layout`), None elsewhere (collective)."""
         return self.simulation.layout.gather()
+
+    def internal(self) -> Any:
+        """Internal state of Maxwell branches, likewise (see `Viscosity.gather`); None without."""
+        viscosity = self.simulation.viscosity
+        return None if viscosity is None else viscosity.gather()
 
 
 class Simulation:
@@ -77,10 +83,13 @@ class Simulation:
         self.problem = build_problem(case.config, comm, mesh_file)
         self.layout = Layout.of(self.problem.device, self.problem.spaces)
         self.timings["mesh"] += time.perf_counter() - start
+        self.viscosity = Viscosity(self.problem, self.layout) if self.problem.branches else None
         self.newton = Newton(self.problem, self.timings)
         self.steps_planned = _steps_planned(case.config.program)
         self.progress = Progress()
-        self._predictor = Predictor(case.config.solver.predictor_order)
+        self._predictor = Predictor(
+            case.config.solver.predictor_order, retrace=self.viscosity is None
+        )
         self._watch = StabilityWatch(case.config.materials.film)
         self._reach = ReachWatch()
         self._stages = case.config.program
@@ -122,6 +131,9 @@ class Simulation:
             self.layout.scatter(None if mesh is None else saved.states[k])
             system.map.restrict(w, system.q)
             known.append(system.q.copy())
+        if self.viscosity is not None and self.progress.row is not None:
+            dissipated = self.progress.row["dissipated_energy_mJ"]
+            self.viscosity.restore(saved.internal, dissipated)
         # states before row 0 are not saved: they lie on the way to the pre-stretch
         self._predictor.restore(saved.values["predictor"], known)
 
@@ -143,6 +155,8 @@ class Simulation:
         targets = [k / stage.steps for k in range(1, stage.steps + 1)]
         for _ in increments.run(targets, {1.0}, apply, lambda at: self._failure(stage, at)):
             pass
+        if self.viscosity is not None:
+            self.viscosity.rest()
         return self._state(stage.stage, 0.0, last=True)
 
     def _begin(self, index: int, stage: Stage) -> None:
@@ -162,24 +176,30 @@ class Simulation:
 
     def _run(self, stage: Stage) -> Iterator[State]:
         """The rest of the stage that the progress is in."""
-        p = self.progress
+        p, viscosity = self.progress, self.viscosity
         targets, corners = milestones(stage, self._drives())
 
         def apply(at: float) -> tuple[Any, ...]:
             for port, drives in p.drives.items():
                 self.newton.system.ports[port] = law(drives, at)
+            if viscosity is not None and at > p.place.now:
+                viscosity.begin((at - p.place.now) * stage.duration)
             return tuple(x for d in self._drives() for x in (d.label, d.at(at)))
 
         apply(p.place.now)
-        increments = Increments(self.newton, self.case.config.solver, self._predictor, p.place)
+        error = None if viscosity is None else viscosity.error
+        solver = self.case.config.solver
+        increments = Increments(self.newton, solver, self._predictor, p.place, error)
         for at in increments.run(targets, corners, apply, lambda at: self._failure(stage, at)):
+            if viscosity is not None:
+                viscosity.commit()
             time = p.stage_start + at * stage.duration
             yield self._state(stage.stage, time, last=at == targets[-1])
 
     def _state(self, stage: str, at: float, last: bool) -> State:
         p = self.progress
         row: dict[str, Any] = {"step": p.step + 1, "time_s": at, "stage": stage}
-        row |= measure(self.newton, self.layout)
+        row |= measure(self.newton, self.layout, self.viscosity)
         row |= p.work.add(p.row, row)
         p.step, p.time, p.row = p.step + 1, at, row
         self._watch.see(row, lambda: film_stretches(self.newton, self.layout))

@@ -10,8 +10,9 @@ from typing import Any
 class Work:
     """Accumulates the work of mount and terminal by the trapezoidal rule.
 
-    The balance compares it with the stored energy, elastic plus electric; what remains is the
-    error of the rule between the recorded states, of second order in the increments.
+    The balance compares it with the stored energy, elastic plus electric, and with what Maxwell
+    branches have dissipated; what remains is the error of the rule between the recorded states, of
+    second order in the increments.
 
     Attributes:
         mount: Work of the mount so far, mJ.
@@ -33,8 +34,9 @@ class Work:
             self.mount += force * (row["displacement_mm"] - last["displacement_mm"])
             voltage = (last["voltage_kV"] + row["voltage_kV"]) / 2
             self.terminal += voltage * (row["charge_uC"] - last["charge_uC"])
+        used = stored + row.get("dissipated_energy_mJ", 0.0)
         return {
             "mount_work_mJ": self.mount,
             "terminal_work_mJ": self.terminal,
-            "energy_residual_mJ": stored - self.stored - self.mount - self.terminal,
+            "energy_residual_mJ": used - self.stored - self.mount - self.terminal,
         }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +25,13 @@ class Checkpoint:
         values: Plain values of the program.
         mesh: Fingerprint of the mesh that the states belong to.
         states: Nodal (u_R, u_Z, phi) of the last converged steps, newest last; on rank 0 only.
+        internal: Internal state of Maxwell branches at the last one, if there are any; likewise.
     """
 
     values: dict[str, Any]
     mesh: str
     states: list[Array] = field(default_factory=list)
+    internal: Array | None = None
 
     @property
     def step(self) -> int:
@@ -47,7 +49,14 @@ class CheckpointFolder:
     def __init__(self, directory: Path) -> None:
         self.folder = directory / FOLDER
 
-    def write(self, values: dict[str, Any], mesh: str, state: Array, keep: int) -> None:
+    def write(
+        self,
+        values: dict[str, Any],
+        mesh: str,
+        state: Array,
+        keep: int,
+        internal: Array | None = None,
+    ) -> None:
         """Save a step, safe on the disk when this returns, and keep some states before it.
 
         Raises:
@@ -56,12 +65,13 @@ class CheckpointFolder:
         step = Checkpoint(values, mesh).step
         with guarded(self.folder):
             self.folder.mkdir(exist_ok=True)
-        buffer = io.BytesIO()
-        np.save(buffer, state)
-        write_bytes(self._state(step), buffer.getbuffer(), durable=True)
+        _save(self._state(step), state)
+        if internal is not None:
+            _save(self._internal(step), internal)
         text = json.dumps({"mesh": mesh, "values": values})
         write_bytes(self.folder / VALUES, text.encode(), durable=True)
         self._state(step - keep).unlink(missing_ok=True)
+        self._internal(step - 1).unlink(missing_ok=True)
 
     def read(self) -> Checkpoint | None:
         """The last checkpoint, or None if there is none yet.
@@ -76,6 +86,8 @@ class CheckpointFolder:
             found = json.loads(path.read_text(encoding="utf-8"))
             saved = Checkpoint(found["values"], found["mesh"])
             step = saved.step
+            if self._internal(step).is_file():
+                saved = replace(saved, internal=np.load(self._internal(step)))
             saved.states.append(np.load(self._state(step)))
             while self._state(step - 1).is_file():
                 step -= 1
@@ -88,3 +100,12 @@ class CheckpointFolder:
 
     def _state(self, step: int) -> Path:
         return self.folder / f"state_{step:05d}.npy"
+
+    def _internal(self, step: int) -> Path:
+        return self.folder / f"internal_{step:05d}.npy"
+
+
+def _save(path: Path, array: Array) -> None:
+    buffer = io.BytesIO()
+    np.save(buffer, array)
+    write_bytes(path, buffer.getbuffer(), durable=True)

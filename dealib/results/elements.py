@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -105,6 +105,12 @@ class Cell:
         return np.linalg.inv(np.stack([x**a * y**b for a, b in self._powers], axis=1))
 
 
+@cache
+def _linear(name: str) -> Cell:
+    """Cell of a mesh with straight edges; its coefficients are computed once."""
+    return Cell(name, 1)
+
+
 def gradients(cell: Cell, corners: Array, points: Array) -> tuple[Array, Array]:
     """Gradients of the shape functions in a mesh with straight edges.
 
@@ -116,7 +122,7 @@ def gradients(cell: Cell, corners: Array, points: Array) -> tuple[Array, Array]:
     Returns:
         Positions (cells, points, 2) and gradients (cells, points, nodes, 2).
     """
-    linear = Cell(cell.name, 1)
+    linear = _linear(cell.name)
     N, dN = linear.shape(points)
     position = N @ corners
     jacobian = np.swapaxes(corners, 1, 2)[:, None] @ dN  # dX_i / dx_j

@@ -10,7 +10,9 @@ from dealib.results.elements import Array
 from dealib.results.mesh import ResultMesh
 
 
-def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
+def fields(
+    config: Config, mesh: ResultMesh, state: Array, internal: Array | None = None
+) -> dict[str, Array]:
     """Nodal fields, averaged within a region and never across its faces.
 
     They are extrapolated from the Gauss points, where derivatives are best: at the nodes
@@ -20,11 +22,13 @@ def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
         config: The config of the run.
         mesh: Mesh of the results.
         state: Nodal (u_R, u_Z, phi), and p in the mixed form, shape (nodes, 3 or 4).
+        internal: C_i of Maxwell branches at the Gauss points of `local.branch_cells`, (cells,
+            points, branches, 4).
 
     Returns:
         u (mm) and phi (kV); E (kV/mm) and D (uC/mm^2) in the deformed body; cauchy_stress and
-        second_pk_stress (elastic, per mesh area for the latter) and maxwell_stress, MPa: all that
-        the field adds, electrostriction included where the permittivity depends on stretch;
+        second_pk_stress (of the solid, per mesh area for the latter) and maxwell_stress, MPa: all
+        that the field adds, electrostriction included where the permittivity depends on stretch;
         J = det F; in the mixed form p (MPa, positive in tension). Vectors have components
         (R, Z, theta), tensors (3, 3).
     """
@@ -42,6 +46,8 @@ def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
     mixed = state.shape[1] > 3
     if mixed:
         out["p"] = state[:, 3].copy()
+
+    viscous = local.branch_cells(config, mesh)
 
     def at_nodes(values: Array) -> Array:
         flat = values.reshape(*values.shape[:2], -1)
@@ -74,6 +80,9 @@ def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
                 N, _ = mesh.cell.shape(mesh.cell.gauss)
                 pressure = nodal[..., 3] @ N.T
             S = local.second_pk(material.law, k.F, material.prestretch, pressure)
+            if material.branches and internal is not None:
+                mine = internal[np.searchsorted(viscous, cells)]
+                S += local.branches_pk(material.branches, k.F, mine, material.prestretch)
             found["second_pk_stress"] = at_nodes(S)
             found["cauchy_stress"] = at_nodes(local.cauchy(k.F, S))
         for key, values in found.items():

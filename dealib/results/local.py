@@ -12,7 +12,10 @@ import numpy as np
 
 from dealib.config.schema import Config
 from dealib.materials import Invariants, Law, thickness_stretch
+from dealib.materials.branches import Branch
+from dealib.materials.evolution import inverted, unpack
 from dealib.results.elements import Array, Cell, gradients, inverse
+from dealib.results.mesh import ResultMesh
 from dealib.units import EPSILON_0
 
 
@@ -87,6 +90,35 @@ def second_pk(
     return np.asarray(P @ S @ P / np.linalg.det(P))
 
 
+def branches_pk(
+    branches: tuple[Branch, ...], F: Array, internal: Array, prestretch: Array | None = None
+) -> Array:
+    """What Maxwell branches add to the second Piola-Kirchhoff stress per mesh area, shape of F.
+
+    Args:
+        branches: The branches.
+        F: Deformation gradient from the mesh, (..., 3, 3).
+        internal: Their C_i, packed (see `materials.evolution`), (..., branches, 4).
+        prestretch: As for `second_pk`.
+    """
+    P = np.diag(np.ones(3) if prestretch is None else prestretch)
+    total = F @ P
+    C = np.swapaxes(total, -1, -2) @ total
+    C_inverse, S = inverse(C), np.zeros_like(C)
+    scale = np.linalg.det(total)[..., None, None] ** (-2 / 3)
+    for k, branch in enumerate(branches):
+        inner = unpack(inverted(internal[..., k, :]))
+        trace = np.einsum("...ij,...ij", C, inner)[..., None, None]
+        S += branch.shear_modulus * scale * (inner - trace / 3 * C_inverse)
+    return np.asarray(P @ S @ P / np.linalg.det(P))
+
+
+def branch_cells(config: Config, mesh: ResultMesh) -> Any:
+    """Indices of the cells that have Maxwell branches."""
+    found = [mesh.in_region(n) for n, m in region_materials(config).items() if m.branches]
+    return np.sort(np.concatenate([np.empty(0, np.int64), *found]))
+
+
 def _derivatives(law: Law, i: Invariants) -> Invariants:
     """Derivatives of W by complex steps, exact to rounding."""
     p, h = law.values, 1e-30
@@ -139,12 +171,14 @@ class RegionMaterial:
         permittivity: eps in N/kV^2; 0 for a conductor.
         prestretch: Stretches (radial, thickness, hoop) of the mounted state, or None.
         slope: Change of eps a unit of area stretch, N/kV^2.
+        branches: Its Maxwell branches.
     """
 
     law: Law | None
     permittivity: float
     prestretch: Array | None = None
     slope: float = 0.0
+    branches: tuple[Branch, ...] = ()
 
     def area_stretch(self, F: Array) -> Array:
         """Square root of the growth in area of layers that were normal to Z."""
@@ -163,10 +197,13 @@ def region_materials(config: Config) -> dict[str, RegionMaterial]:
     eps = film.permittivity
     radial, hoop = film.prestretch
     mounted = np.array([radial, thickness_stretch(film, radial, hoop), hoop])
-    electrode = RegionMaterial(config.materials.electrode, 0.0)
+    stiff = config.materials.electrode
+    electrode = RegionMaterial(stiff, 0.0, branches=() if stiff is None else stiff.branches)
     block = RegionMaterial(None, EPSILON_0 * (g.clamps.relative_permittivity if g.clamps else 1))
     return {
-        "film": RegionMaterial(film, EPSILON_0 * eps.intercept, mounted, EPSILON_0 * eps.slope),
+        "film": RegionMaterial(
+            *(film, EPSILON_0 * eps.intercept, mounted, EPSILON_0 * eps.slope, film.branches)
+        ),
         "top_electrode": electrode,
         "bottom_electrode": electrode,
         "air": RegionMaterial(None, EPSILON_0),

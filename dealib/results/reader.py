@@ -96,21 +96,30 @@ class Run:
 
     def state(self, index: int = -1) -> Array:
         """Nodal values of the index-th stored step, (nodes, 3 or 4), see `store.COMPONENTS`."""
+        found = self._stored("states", index)
+        assert found is not None
+        return found
+
+    def internal(self, index: int = -1) -> Array | None:
+        """C_i of Maxwell branches at the index-th stored step (see `fields`); None without."""
+        return self._stored("internal", index)
+
+    def _stored(self, group: str, index: int) -> Array | None:
         steps = self.stored_steps
         try:
-            step = steps[index]
+            name = f"{group}/{steps[index]:05d}"
         except IndexError:
             raise ConfigError(
                 f"{self.directory}: there are {len(steps)} stored steps, no number {index}"
             ) from None
         with self._file() as file:
-            return np.asarray(file[f"states/{step:05d}"][:], dtype=np.float64)
+            return np.asarray(file[name][:], dtype=np.float64) if name in file else None
 
     def arrays(self, index: int = -1) -> dict[str, Array]:
         """All nodal fields of the index-th stored step (see `dealib.results.fields`)."""
         from dealib.results.fields import fields
 
-        return fields(self.config, self.mesh, self.state(index))
+        return fields(self.config, self.mesh, self.state(index), self.internal(index))
 
     def fields(self, index: int = -1) -> pyvista.UnstructuredGrid:
         """A pyvista grid of the index-th stored step, with all fields; points undeformed."""

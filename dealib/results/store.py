@@ -95,6 +95,7 @@ class StateFile:
         self._texts = dict(texts)
         self._history: dict[str, list[Any]] = {}
         self._links: list[str] = []
+        self._viscous = False
         with guarded(self.folder):
             self.folder.mkdir(exist_ok=True)
         if keep >= 0:
@@ -106,8 +107,16 @@ class StateFile:
             file.attrs["region_names"] = list(mesh.names)
         self._write()
 
-    def add(self, row: Mapping[str, Any], state: Array | None) -> None:
-        """Append a row of the history, and its state if it is to be stored."""
+    def add(
+        self, row: Mapping[str, Any], state: Array | None, internal: Array | None = None
+    ) -> None:
+        """Append a row of the history, and its state if it is to be stored.
+
+        Args:
+            row: The row.
+            state: Nodal values.
+            internal: C_i of Maxwell branches, as `fields` wants it.
+        """
         for name, value in row.items():
             self._history.setdefault(name, []).append(value)
         if state is not None:
@@ -116,7 +125,10 @@ class StateFile:
                 file["state"] = state
                 file["state"].attrs["time_s"] = row["time_s"]
                 file["state"].attrs["components"] = COMPONENTS[: state.shape[1]]
+                if internal is not None:
+                    file["internal"] = internal
             self._links.append(name)
+            self._viscous = internal is not None
         self._write()
 
     def close(self) -> None:
@@ -147,6 +159,9 @@ class StateFile:
                 if not isinstance(link, h5py.ExternalLink):
                     with new_hdf5(self.folder / f"{name}.h5") as part:
                         file.copy(f"states/{name}", part, name="state")
+                        if f"internal/{name}" in file:
+                            file.copy(f"internal/{name}", part, name="internal")
+            self._viscous = "internal" in file
 
     def _write(self) -> None:
         with new_hdf5(self.path) as file:
@@ -161,6 +176,8 @@ class StateFile:
             history.create_dataset(name, data=values, dtype=kind)
         file.create_group("states")
         links = {f"states/{name}": (f"{name}.h5", "/state") for name in self._links}
+        if self._viscous:
+            links |= {f"internal/{name}": (f"{name}.h5", "/internal") for name in self._links}
         for key, (source, path) in {**links, "mesh": ("mesh.h5", "/")}.items():
             if gather:
                 with h5py.File(self.folder / source, "r") as part:

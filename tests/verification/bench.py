@@ -31,7 +31,14 @@ def config(geometry: dict[str, Any], film: dict[str, Any], **sections: Any) -> C
     )
 
 
-_PLAIN = ("relative_permittivity", "prestretch", "law", "j_lim", "locking_stretch")
+_PLAIN = (
+    "relative_permittivity",
+    "prestretch",
+    "law",
+    "j_lim",
+    "locking_stretch",
+    "branches",
+)
 
 
 def _in(section: dict[str, Any], unit: str) -> dict[str, Any]:

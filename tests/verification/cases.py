@@ -10,6 +10,7 @@ from verification import (
     mesh_convergence,
     sphere,
     strips,
+    viscous,
 )
 from verification.table import Case
 
@@ -38,4 +39,8 @@ CASES = (
     Case("manufactured-linear", manufactured.linear, slow=True),
     Case("manufactured-mixed", manufactured.mixed, slow=True),
     Case("mesh_convergence", mesh_convergence.rows),
+    Case("viscous-relaxation", viscous.relaxation),
+    Case("viscous-large_strain", viscous.large_strain),
+    Case("viscous-loops", viscous.loops),
+    Case("viscous-pull_in", viscous.vhb, slow=True),
 )

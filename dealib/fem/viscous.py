@@ -1,0 +1,278 @@
+"""Maxwell branches in finite elements: their potential over a time step, and their internal state.
+
+A time step of a branch ends at C_i = unimodular(H + w C), H and w fixed at its start
+(`evolution.step`). It is the minimum over unimodular C_i of G/2 tr((C + H/w) C_i^-1), which is
+
+    3 G / (2 w) det(H + w C)^(1/3).
+
+Its derivative in C is G/2 C_i^-1, the branch's stress: so one potential stands behind each step,
+the internal state needs no unknowns, and the tangent is symmetric.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from dealib.fem import compat
+from dealib.fem.device import KINDS, Device
+from dealib.fem.energies import Hyperelastic, constant
+from dealib.fem.kinematics import jacobian
+from dealib.fem.layout import Layout
+from dealib.materials import evolution
+from dealib.materials.branches import Branch
+from dealib.results import local
+from dealib.results.elements import Array, Cell
+
+_SIZE = 5  # of a branch at a point: H, packed, and w
+
+
+def step_terms(device: Device, degree: int, branches: int) -> Any:
+    """A function that holds H and w of all branches at the quadrature points: relaxed ones."""
+    element = compat.quadrature_element(device.mesh, degree, _SIZE * branches)
+    terms = fem.Function(compat.functionspace(device.mesh, element), name="branches")
+    terms.x.array.reshape(-1, _SIZE)[:] = (0, 0, 0, 0, 1)
+    return terms
+
+
+@dataclass(frozen=True)
+class MaxwellBranch:
+    """The potential of one branch over a time step.
+
+    Attributes:
+        solid: The solid that it belongs to.
+        modulus: Its shear modulus, as a constant.
+        terms: The function of `step_terms`.
+        index: Its number.
+    """
+
+    solid: Hyperelastic
+    modulus: Any
+    terms: Any
+    index: int
+
+    @property
+    def kind(self) -> str:
+        """See `Energy`."""
+        return self.solid.kind
+
+    def density(self, F: Any, E: Any) -> Any:
+        """See `Energy`."""
+        rr, zz, tt, rz, w = (self.terms[_SIZE * self.index + i] for i in range(_SIZE))
+        total = self.solid.total(F)
+        C = jacobian(total) ** (-2.0 / 3.0) * total.T * total
+        M = ufl.as_matrix([[rr, rz, 0], [rz, zz, 0], [0, 0, tt]]) + w * C
+        return 1.5 * self.modulus / w * jacobian(M) ** (1.0 / 3.0) / self.solid.volume
+
+
+def maxwell_branches(solid: Hyperelastic, branches: tuple[Branch, ...], terms: Any) -> list[Any]:
+    """The potentials of a solid's branches."""
+    mesh = terms.function_space.mesh
+    moduli = [constant(mesh, b.shear_modulus) for b in branches]
+    return [MaxwellBranch(solid, modulus, terms, i) for i, modulus in enumerate(moduli)]
+
+
+class _Part:
+    """The branches of one kind of region on this rank, ghosts included.
+
+    Attributes:
+        cells: Local cells.
+        modulus: Shear moduli, (branches, 1, 1), MPa.
+        time: Relaxation times, likewise, s.
+        volume: Mesh volume of each quadrature point, (cells, points), mm^3; 0 in ghosts.
+        prestretch: Constant of the solid, or None.
+        C: Isochoric metric at the last converged state, (cells, points, 4).
+        internal: C_i there, (branches, cells, points, 4).
+        start: C and C_i at the state before it.
+    """
+
+    def __init__(self, cells: Any, branches: tuple[Branch, ...], volume: Array, prestretch: Any):
+        self.cells, self.volume, self.prestretch = cells, volume, prestretch
+        self.modulus = np.reshape([b.shear_modulus for b in branches], (-1, 1, 1))
+        self.time = np.reshape([b.relaxation_time for b in branches], (-1, 1, 1))
+        self.C = np.tile(evolution.IDENTITY, (*volume.shape, 1))
+        self.internal = np.tile(self.C, (len(branches), 1, 1, 1))
+        self.terms: tuple[Array, Array] | None = None
+
+    @property
+    def weights(self) -> Array:
+        """Unstretched volume of each quadrature point."""
+        p = self.prestretch
+        return self.volume if p is None else self.volume / float(np.prod(p.value))
+
+    def end(self, C: Array) -> Array:
+        """C_i at the end of the step for a metric there."""
+        assert self.terms is not None, "a step has begun"
+        history, weight = self.terms
+        return evolution.unimodular(history + weight[..., None] * C)
+
+
+class Viscosity:
+    """The internal state of all branches, advanced step by step.
+
+    Attributes:
+        dissipated: Energy dissipated so far, mJ.
+
+    Args:
+        problem: A problem with branches.
+        layout: Its layout.
+    """
+
+    def __init__(self, problem: Any, layout: Layout) -> None:
+        self._problem, self._layout = problem, layout
+        self._mesh, self._terms = problem.device.mesh, problem.terms
+        self._points, weights = compat.quadrature(self._mesh, problem.degree)
+        volume = _volumes(layout, self._points, weights)
+        volume[compat.local_cells(self._mesh) :] = 0
+        self._parts: dict[str, _Part] = {}
+        m = problem.config.materials
+        for kind, law in (("film", m.film), ("electrodes", m.electrode)):
+            cells = problem.device.cells(*KINDS[kind])
+            if kind in problem.device.kinds and law is not None and law.branches:
+                stretch = problem.prestretch if kind == "film" else None
+                self._parts[kind] = _Part(cells, law.branches, volume[cells], stretch)
+        self._dt = 0.0
+        self._ends: list[tuple[_Part, Array, Array]] | None = None
+        self.dissipated = 0.0
+
+    # --- steps -----------------------------------------------------------------------------------
+
+    def rest(self) -> None:
+        """Take the current state as the one in which all branches are relaxed."""
+        for part, C in self._metrics():
+            part.C, part.internal[:] = C, C
+        self.dissipated = 0.0
+
+    def begin(self, duration: float) -> None:
+        """Prepare a step from the last converged state, in s."""
+        self._dt, self._ends = duration, None
+        dofs = compat.cell_dofs(self._terms.function_space)
+        size = self._terms.function_space.dofmap.index_map_bs
+        values = self._terms.x.array.reshape(-1, size)
+        for part in self._parts.values():
+            part.terms = evolution.step(part.C, part.internal, duration / part.time)
+            history, weight = part.terms
+            packed = np.moveaxis(np.concatenate([history, weight[..., None]], axis=-1), 0, 2)
+            count = packed.shape[2] * _SIZE
+            values[dofs[part.cells], :count] = packed.reshape(*packed.shape[:2], count)
+
+    def error(self) -> float:
+        """Error of the branches' strain in the step just solved, of the order of its square.
+
+        Root mean square over the volume and, weighted by the moduli, over the branches; see
+        `evolution.strain_error` (collective).
+        """
+        sums = np.zeros(2)
+        self._ends = [(part, C, part.end(C)) for part, C in self._metrics()]
+        for part, C, end in self._ends:
+            found = evolution.strain_error(C, part.internal, end, self._dt / part.time)
+            weights = part.modulus * part.weights
+            sums += (weights * found**2).sum(), weights.sum()
+        total = self._mesh.comm.allreduce(sums, op=MPI.SUM)
+        return float(np.sqrt(total[0] / total[1]))
+
+    def commit(self) -> None:
+        """Accept the current state as the end of the step (collective).
+
+        What C_i releases at fixed C, the mean of that at the start and at the end, is dissipated:
+        with the trapezoidal work of the branches' stress it balances what they store exactly.
+        """
+        lost = 0.0
+        ends = self._ends or [(part, C, part.end(C)) for part, C in self._metrics()]
+        for part, C, internal in ends:
+            for at in (part.C, C):
+                before = evolution.stored(part.modulus, at, part.internal)
+                after = evolution.stored(part.modulus, at, internal)
+                lost += float((part.weights * (before - after)).sum()) / 2
+            part.C, part.internal = C, internal
+        self._ends = None
+        self.dissipated += self._total(lost)
+
+    # --- results ---------------------------------------------------------------------------------
+
+    @property
+    def stored(self) -> float:
+        """Energy stored in the branches, mJ (collective)."""
+        return self._total(
+            sum(
+                float((p.weights * evolution.stored(p.modulus, p.C, p.internal)).sum())
+                for p in self._parts.values()
+            )
+        )
+
+    @property
+    def power(self) -> float:
+        """Dissipated power, mW (collective)."""
+        return self._total(
+            sum(
+                float((p.weights * evolution.power(p.modulus, p.time, p.C, p.internal)).sum())
+                for p in self._parts.values()
+            )
+        )
+
+    def gather(self) -> Array | None:
+        """C_i of the whole mesh on rank 0, (cells, points, branches, 4) (collective).
+
+        Cells are those of `local.branch_cells`, points those of the quadrature; what a cell has
+        fewer branches than others is 1.
+        """
+        count = max(len(p.modulus) for p in self._parts.values())
+        shape = (len(self._layout.corners), len(self._points), count, 4)
+        values = np.tile(evolution.IDENTITY, (*shape[:-1], 1))
+        for part in self._parts.values():
+            values[part.cells, :, : len(part.modulus)] = np.moveaxis(part.internal, 0, 2)
+        whole = self._layout.gather_cells(values)
+        if whole is None or self._layout.mesh is None:
+            return None
+        return np.asarray(whole[local.branch_cells(self._problem.config, self._layout.mesh)])
+
+    def at_gauss(self, gathered: Array) -> Array:
+        """The same at the cells' Gauss points, at which fields are derived."""
+        cell: Cell = self._layout.cell
+        here, there = cell.shape(self._points)[0], cell.shape(cell.gauss)[0]
+        return np.einsum("gq,cq...->cg...", there @ np.linalg.pinv(here), gathered)
+
+    def restore(self, gathered: Array | None, dissipated: float) -> None:
+        """Inverse of `gather`, with the metric of the current state (collective)."""
+        mesh, whole = self._layout.mesh, None
+        if mesh is not None and gathered is not None:
+            whole = np.empty((len(mesh.cells), *gathered.shape[1:]))
+            whole[local.branch_cells(self._problem.config, mesh)] = gathered
+        whole = self._mesh.comm.bcast(whole, root=0)
+        mine = whole[compat.original_cells(self._mesh)]
+        for part, C in self._metrics():
+            kept = mine[part.cells][:, :, : len(part.modulus)]
+            part.C, part.internal = C, np.moveaxis(kept, 2, 0).copy()
+        self.dissipated = dissipated
+
+    # --- parts -----------------------------------------------------------------------------------
+
+    def _metrics(self) -> Iterator[tuple[_Part, Array]]:
+        """Each part with the isochoric metric of the current state."""
+        nodal = self._layout.local()
+        for part in self._parts.values():
+            here = nodal[part.cells]
+            k = local.kinematics(
+                *(self._layout.cell, self._layout.corners[part.cells], self._points),
+                *(here[..., :2], here[..., 2]),
+            )
+            F = k.F if part.prestretch is None else k.F @ np.diag(part.prestretch.value)
+            yield part, evolution.isochoric(F)
+
+    def _total(self, mine: float) -> float:
+        return float(self._mesh.comm.allreduce(mine, op=MPI.SUM))
+
+
+def _volumes(layout: Layout, points: Array, weights: Array) -> Array:
+    """Mesh volume of the points of all local cells: 2 pi R dR dZ, (cells, points)."""
+    linear = Cell(layout.cell.name, 1)
+    N, dN = linear.shape(points)
+    area = np.linalg.det(np.swapaxes(layout.corners, 1, 2)[:, None] @ dN)
+    return np.asarray(2 * np.pi * (N @ layout.corners)[..., 0] * np.abs(area) * weights)

@@ -1,0 +1,392 @@
+"""Maxwell branches in whole runs: limits, energy balance, resumption, formulations, results."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+from pathlib import Path
+
+from mpi4py import MPI
+
+import conftest
+import numpy as np
+import pandas as pd
+import pytest
+from test_parallel import SCRIPT, finish, start
+from verification import viscous
+
+import dealib
+from dealib.__main__ import main
+from dealib.config import resolved
+from dealib.errors import ConfigError
+from dealib.fem.layout import Layout
+from dealib.fem.problem import build_problem
+from dealib.materials import evolution
+from dealib.results.checkpoint import CheckpointFolder
+
+FILE = Path(__file__).with_name("viscous.yaml")
+
+
+def case(**changes: object) -> dealib.Case:
+    return dealib.load(FILE, set={k.replace("__", "."): v for k, v in changes.items()})
+
+
+def history(**changes: object) -> pd.DataFrame:
+    return pd.DataFrame([state.row for state in dealib.Simulation(case(**changes))])
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> dealib.Run:
+    return dealib.simulate(case(), tmp_path_factory.mktemp("viscous") / "run")
+
+
+# --- the rule of a point -------------------------------------------------------------------------
+
+
+def metric(t: float) -> np.ndarray:
+    """A large deformation with shear, from rest."""
+    F = np.array([[1 + t, 0.8 * t, 0], [-0.3 * t, 1 - 0.4 * t, 0], [0, 0, 1 + 0.2 * t]])
+    return evolution.isochoric(F)
+
+
+def integrate(steps: int, time: float) -> np.ndarray:
+    """C_i after the deformation above has been reached in 1 s."""
+    internal = evolution.IDENTITY
+    for k in range(steps):
+        C, D = metric(k / steps), metric((k + 1) / steps)
+        past, weight = evolution.step(C, internal, 1 / steps / time)
+        internal = evolution.unimodular(past + weight * D)
+    return internal
+
+
+@pytest.mark.parametrize("time", [0.1, 1.0, 30.0])
+def test_the_rule_meets_the_differential_equation_with_second_order(time):
+    from scipy.integrate import solve_ivp
+
+    def rate(t, x):
+        C = metric(t)
+        return (C - evolution.contract(C, evolution.inverted(x)) / 3 * x) / time
+
+    exact = solve_ivp(rate, (0, 1), evolution.IDENTITY, rtol=1e-12, atol=1e-13).y[:, -1]
+    assert evolution.determinant(exact) == pytest.approx(1, abs=1e-10)
+    errors = [np.abs(integrate(n, time) - exact).max() for n in (50, 100)]
+    assert errors[1] < 5e-5
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.05)
+
+
+@pytest.mark.parametrize("ratio", [1e-14, 1e-3, 1.0, 1e3, 1e14])
+def test_any_step_is_stable_and_between_old_and_new(ratio):
+    """Frozen in no time, relaxed in a long one, and always a metric of determinant 1."""
+    C, internal = metric(0.2), metric(1.0)
+    past, weight = evolution.step(C, internal, ratio)
+    assert (np.linalg.eigvalsh(evolution.unpack(past)) > 0).all()
+    end = evolution.unimodular(past + weight * metric(0.4))
+    assert evolution.determinant(end) == pytest.approx(1, abs=1e-12)
+    if ratio == 1e-14:
+        assert end == pytest.approx(internal, abs=1e-12)
+    if ratio == 1e14:
+        assert end == pytest.approx(metric(0.4), abs=1e-12)
+
+
+def test_power_is_the_rate_of_what_is_released():
+    """At a constant deformation the stored energy falls by the dissipated power."""
+    C, internal, G, tau, dt = metric(1.0), metric(0.3), 2.0, 5.0, 1e-5
+    past, weight = evolution.step(C, internal, dt / tau)
+    after = evolution.unimodular(past + weight * C)
+    middle = (internal + after) / 2
+    lost = evolution.stored(G, C, internal) - evolution.stored(G, C, after)
+    assert lost / dt == pytest.approx(float(evolution.power(G, tau, C, middle)), rel=1e-8)
+
+
+# --- limits --------------------------------------------------------------------------------------
+
+BARE = {"materials__film__prestretch": 1.0}
+ELASTIC = {"materials__film__branches": "[]", "materials__electrode__branches": "[]"}
+
+
+def stiff(film: float, electrode: float) -> dict[str, str]:
+    """Neo-Hookean parameters with other shear moduli, MPa, at the bulk moduli of the file."""
+    parts = {"film": (film, 50 / 3), "electrode": (electrode, 100 / 3)}
+    return {
+        f"materials__{name}": "{law: neo_hookean, "
+        + ("relative_permittivity: 3, " if name == "film" else "")
+        + f"shear_modulus: {G!r} MPa, bulk_modulus: {kappa!r} MPa}}"
+        for name, (G, kappa) in parts.items()
+    }
+
+
+@pytest.mark.parametrize(
+    ("scale", "moduli"),
+    [(1e9, (1 / 3, 2 / 3)), (1e-9, (1 / 3 + 0.15, 2 / 3 + 0.2))],
+    ids=["slow", "fast"],
+)
+def test_very_slow_and_very_fast_runs_are_elastic(scale, moduli):
+    """With the law's modulus alone, and with those of the branches added."""
+    stages = (
+        "[{{stage: push, duration: {0} s, mount: {{displacement: -1 mm}}, steps: 4}},"
+        " {{stage: actuate, duration: {0} s, terminal: {{voltage: 2 kV}}, steps: 4}}]"
+    )
+    viscoelastic = history(program=stages.format(scale), solver__time_tolerance=0, **BARE)
+    elastic = history(program=stages.format(1), **stiff(*moduli))
+    for name in ("force_N", "charge_uC", "elastic_energy_mJ", "capacitance_pF"):
+        expected = elastic[name].to_numpy()
+        assert viscoelastic[name].to_numpy() == pytest.approx(
+            expected, abs=1e-7 * np.abs(expected).max()
+        ), name
+    lost = viscoelastic["dissipated_energy_mJ"].iloc[-1]
+    coarse = 1e-4 if scale > 1 else 1e-8  # slow: the third power of the increments is left
+    assert abs(lost) < coarse * elastic["elastic_energy_mJ"].max()
+
+
+def test_the_mounted_state_is_relaxed():
+    """Pre-stretch loads no branch: the state at rest is the elastic one."""
+    first, elastic = history().iloc[0], history(**ELASTIC).iloc[0]
+    for name in ("force_N", "elastic_energy_mJ", "capacitance_pF", "thickness_stretch_min"):
+        assert first[name] == pytest.approx(elastic[name], rel=1e-9, abs=1e-12), name
+    assert first["dissipated_energy_mJ"] == first["dissipated_power_mW"] == 0
+
+
+def test_without_branches_nothing_is_added():
+    columns = set(history(**ELASTIC))
+    assert set(history()) - columns == {"dissipated_energy_mJ", "dissipated_power_mW"}
+    assert not build_problem(case(**ELASTIC).config, MPI.COMM_SELF).branches
+
+
+# --- energy and time -----------------------------------------------------------------------------
+
+CYCLE = (
+    "[{{stage: push, duration: 2 s, mount: {{displacement: -1 mm}}, steps: {n}}},"
+    " {{stage: actuate, duration: 4 s, terminal: {{voltage: [0 V, 2 kV, 0 V]}}, steps: {n2}}},"
+    " {{stage: back, duration: 2 s, mount: {{displacement: 0 mm}}, steps: {n}}}]"
+)
+
+
+def cycle(n: int, **changes: object) -> pd.DataFrame:
+    return history(program=CYCLE.format(n=n, n2=2 * n), solver__tolerance=1e-12, **changes)
+
+
+def test_energy_balance_closes_with_second_order():
+    runs = [cycle(n, solver__time_tolerance=0) for n in (8, 16, 32)]
+    left = [abs(h["energy_residual_mJ"].iloc[-1]) for h in runs]
+    lost = runs[-1]["dissipated_energy_mJ"]
+    assert lost.is_monotonic_increasing
+    assert left[2] < 5e-3 * lost.iloc[-1]
+    assert np.log2(left[0] / left[1]) == pytest.approx(2, abs=0.15)
+    assert np.log2(left[1] / left[2]) == pytest.approx(2, abs=0.15)
+    # the power's integral is the energy
+    fine = runs[-1]
+    power, time = fine["dissipated_power_mW"], fine["time_s"]
+    integral = ((power + power.shift()) / 2 * time.diff()).sum()
+    assert integral == pytest.approx(lost.iloc[-1], rel=5e-3)
+
+
+def test_a_tighter_time_tolerance_gives_proportionally_smaller_errors():
+    reference = cycle(256, solver__time_tolerance=0).iloc[-1]
+    steps, errors = [], []
+    for tolerance in (4e-3, 1e-3, 2.5e-4):
+        h = cycle(1, solver__time_tolerance=tolerance)
+        assert {2.0, 4.0, 6.0, 8.0} <= set(h["time_s"].round(12))  # as asked for
+        steps.append(len(h))
+        errors.append(abs(h["force_N"].iloc[-1] - reference["force_N"]))
+    assert errors[1] < 2e-3 * abs(reference["force_N"])
+    assert errors[0] > 2 * errors[1] > 4 * errors[2]
+    assert steps[0] < steps[1] < steps[2] < 5 * steps[0]
+
+
+def test_cut_back_steps_leave_no_trace():
+    """Halved by failures, the steps are those of a run that was given the halves."""
+    given = "[{{stage: push, duration: 2 s, mount: {{displacement: -2 mm}}, steps: {}}}]"
+    off = {"solver__time_tolerance": 0, "solver__predictor_order": 0, "mesh__columns": 16}
+    cut = history(program=given.format(1), solver__max_iterations=4, **off)
+    assert len(cut) > 3
+    simulation = dealib.Simulation(case(program=given.format(1), **off))
+    times = cut["time_s"].to_numpy()
+    stages = ", ".join(
+        f"{{stage: s, duration: {b - a!r} s, mount: {{displacement: {-b!r} mm}}}}"
+        for a, b in itertools.pairwise(times)
+    )
+    whole = history(program=f"[{stages}]", **off)
+    assert simulation.steps_planned == 1
+    assert whole["force_N"].to_numpy() == pytest.approx(cut["force_N"].to_numpy(), rel=1e-9)
+    lost = "dissipated_energy_mJ"
+    assert whole[lost].to_numpy() == pytest.approx(cut[lost].to_numpy(), rel=1e-9)
+
+
+# --- formulations and ranks ----------------------------------------------------------------------
+
+
+def test_the_mixed_form_agrees():
+    """On a homogeneous state, exactly."""
+    found = []
+    for formulation in ("displacement", "mixed"):
+        bench = viscous.Viscous(
+            viscous.LAW, viscous.BRANCHES, viscous.CONFINED, formulation, tolerance=1e-12
+        )
+        bench.through(1.0, 4, mount=0.3 * viscous.THICKNESS).through(2.0, 4)
+        found.append((bench.force, bench.viscosity.stored, bench.viscosity.dissipated))
+    assert found[1] == pytest.approx(found[0], rel=1e-9)
+
+
+def test_other_couplings_have_branches_too():
+    one, other = cycle(4), cycle(4, physics__coupling="maxwell_traction")
+    before = one["time_s"] <= 2  # no voltage yet
+    assert other["force_N"][before].to_numpy() == pytest.approx(
+        one["force_N"][before].to_numpy(), rel=1e-8, abs=1e-10
+    )
+    assert other["dissipated_energy_mJ"].iloc[-1] > 0
+
+
+@pytest.mark.mpi
+def test_two_ranks_agree(run, tmp_path):
+    path = tmp_path / "viscous.yaml"
+    path.write_text(resolved(case().config))
+    code, errors = finish(start(2, "-m", "mpi4py", SCRIPT, tmp_path, path))
+    assert code == 0, errors
+    one, other = run, dealib.open(tmp_path / "viscous")
+    for name in one.history.columns.drop(["stage", "newton_iterations"]):
+        expected = one.history[name].to_numpy()
+        size = max(np.abs(expected).max(), 1e-9)
+        assert other.history[name].to_numpy() == pytest.approx(expected, abs=1e-8 * size), name
+    internal = other.internal()
+    assert internal == pytest.approx(one.internal(), abs=1e-8)
+
+
+# --- results -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("stop", [3, 10, 17])
+def test_resume_goes_on_as_if_never_stopped(run, tmp_path, stop):
+    class Enough(Exception):
+        pass
+
+    class Stop:
+        def start(self, simulation):
+            pass
+
+        def see(self, state):
+            if state.row["step"] == stop:
+                raise Enough
+
+        def stop(self, error):
+            pass
+
+    with pytest.raises(Enough):
+        dealib.simulate(case(), tmp_path / "run", observers=[Stop()])
+    resumed = dealib.simulate(case(), tmp_path / "run", resume=True)
+    assert len(resumed.history) == len(run.history) > stop + 2
+    for name in run.history.columns.drop(["stage", "newton_iterations"]):
+        expected = run.history[name].to_numpy()
+        size = max(np.abs(expected).max(), 1e-9)
+        assert resumed.history[name].to_numpy() == pytest.approx(expected, abs=1e-10 * size), name
+    assert resumed.internal() == pytest.approx(run.internal(), abs=1e-10)
+    assert len(resumed.stored_steps) == len(resumed.history)
+
+
+def test_one_internal_state_is_kept_beside_the_checkpoint(run):
+    folder = run.directory / "checkpoint"
+    assert len(list(folder.glob("internal_*.npy"))) == 1
+    saved = CheckpointFolder(run.directory).read()
+    cells = 8 * (1 + 2)  # of film and electrodes
+    assert saved.internal.shape == (cells, 9, 2, 4)
+    assert evolution.determinant(saved.internal) == pytest.approx(1, abs=1e-10)
+
+
+def test_stress_fields_hold_the_branches(run):
+    """In the film's middle the membrane force is that of the whole section's stress."""
+    fields = run.arrays(-1)
+    bare = dealib.results.fields.fields(run.config, run.mesh, run.state(-1))
+    film = run.mesh.in_region("film")
+    nodes = np.unique(run.mesh.cells[film])
+    difference = fields["second_pk_stress"] - bare["second_pk_stress"]
+    assert np.abs(difference[nodes]).max() > 1e-4
+    J = fields["J"][nodes]
+    trace = np.trace(fields["cauchy_stress"] - bare["cauchy_stress"], axis1=1, axis2=2)[nodes]
+    assert np.abs(trace * J).max() < 2e-2 * np.abs(difference[nodes]).max()  # a change of shape
+
+
+def test_stress_of_the_results_is_that_of_the_equilibrium():
+    """Confined block: S of the fields gives the force that Newton balanced."""
+    bench = viscous.Viscous(viscous.LAW, viscous.BRANCHES, viscous.CONFINED)
+    bench.through(0.5, 5, mount=0.1 * viscous.THICKNESS)
+    layout = Layout.of(bench.problem.device, bench.problem.spaces)
+    internal = bench.viscosity.at_gauss(bench.viscosity.gather())
+    found = dealib.results.fields.fields(
+        bench.problem.config, layout.mesh, layout.gather(), internal
+    )
+    stress = found["cauchy_stress"][:, 1, 1]  # times the area, which the walls keep
+    assert viscous.AREA * stress == pytest.approx(bench.force, rel=1e-9)
+
+
+def test_the_tangent_is_symmetric():
+    """One potential stands behind a step, however large."""
+    simulation = dealib.Simulation(case(solver__time_tolerance=0))
+    assert simulation.problem.symmetric
+    for state in simulation:
+        system = state.simulation.newton.system
+        system.residual(system.q, system.residual_vector)
+        system.tangent(system.matrix)
+        assert system.matrix.isSymmetric(1e-13 * system.matrix.norm())
+
+
+def test_a_second_film_has_no_branches():
+    film = "{stage: release, mount: {bias: [{film: {distance: 2 mm%s}}]}}"
+    with pytest.raises(ConfigError, match="a second film answers at once"):
+        case(program=f"[{film % ''}]")
+    plain = ", set: {materials.film.branches: [], materials.electrode.branches: []}"
+    assert case(program=f"[{film % plain}]").config.materials.film.branches
+
+
+# --- shipped configs ------------------------------------------------------------------------------
+
+
+def test_hysteresis_loses_energy_in_each_loop():
+    h = conftest.history("hysteresis")
+    ends = [h.index[np.isclose(h["time_s"], t)][0] for t in (0, 20, 40, 60)]
+    lost = h["dissipated_energy_mJ"].loc[ends].diff().to_numpy()[1:]
+    assert lost[0] > lost[1] > lost[2] > 0.98 * lost[1]  # soon steady
+    loop = h.loc[ends[2] : ends[3]]
+    moved = loop["displacement_mm"].diff()
+    force = (loop["force_N"] + loop["force_N"].shift()) / 2
+    kept = loop["elastic_energy_mJ"].iloc[-1] - loop["elastic_energy_mJ"].iloc[0]
+    assert (force * moved).sum() == pytest.approx(lost[2] + kept, rel=2e-2)  # the loop's area
+    turn = loop["displacement_mm"].idxmin()
+    x, F = -loop["displacement_mm"], loop["force_N"]
+    down = np.interp(2, x.loc[:turn], F.loc[:turn])
+    up = np.interp(2, x.loc[turn:][::-1], F.loc[turn:][::-1])
+    assert -0.8 < F.min() < down < 0.95 * up < 0  # within the axis of Figs. 3 and 20
+    stored = h["elastic_energy_mJ"].max()
+    assert h["energy_residual_mJ"].abs().max() < 5e-3 * stored
+
+
+def test_creep_tends_to_the_elastic_stroke_and_back():
+    h = conftest.history("creep")
+    for stage in ("creep", "recovery"):
+        u = h.loc[h["stage"] == stage, "displacement_mm"].to_numpy()
+        direction = -1 if stage == "creep" else 1
+        assert (direction * np.diff(u) > 0).all()
+    ends = h.groupby("stage")["displacement_mm"].last()
+    fast, slow = ends["on"] - ends["rest"], ends["creep"] - ends["rest"]
+    elastic = conftest.history("creep", **ELASTIC).groupby("stage")["displacement_mm"].last()
+    assert 0.5 < fast / slow < 0.8
+    assert slow == pytest.approx(elastic["creep"] - elastic["rest"], rel=3e-2)
+    assert ends["recovery"] == pytest.approx(elastic["recovery"], rel=1e-2)
+    assert h["force_N"].iloc[7:].to_numpy() == pytest.approx(-0.30, abs=1e-8)
+    assert h["dissipated_energy_mJ"].is_monotonic_increasing
+
+
+@pytest.mark.slow
+def test_loop_area_has_one_maximum_over_the_rate(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    study = conftest.CONFIGS / "studies" / "rates.yaml"
+    monkeypatch.setattr(sys, "argv", ["dealib", "study", str(study), "--out", "out"])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 0
+    assert "3 of 3 windows hold" in capsys.readouterr().out
+    table = pd.read_csv(tmp_path / "out" / "rates.csv")
+    for loop, part in table.groupby("loop"):
+        lost = part.sort_values("cycles_per_second")["lost"].to_numpy()
+        signs = np.sign(np.diff(lost))
+        assert list(signs) == sorted(signs, reverse=True), loop  # up, then down
+        assert signs[0] == 1
+        assert signs[-1] == -1
