@@ -59,7 +59,9 @@ class Position:
     @classmethod
     def of(cls, plain: dict[str, Any]) -> Position:
         """From plain values, also after a round trip through JSON."""
-        given: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in plain.items()}
+        given: dict[str, Any] = {
+            k: tuple(v) if isinstance(v, list) else v for k, v in plain.items()
+        }
         return cls(**given)
 
 
