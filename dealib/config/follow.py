@@ -36,11 +36,11 @@ class Until(Section):
 
 
 class Follow(Section):
-    """Pseudo-arc-length in a pair of port variables.
+    """Pseudo-arc-length: the path of equilibria in two port variables, past limit points.
 
-    The first is set free and varies as equilibrium asks; states are stable or not under its
-    control. Time only counts the path here: it grows by `duration` over a path as long as the way
-    of `along` to its end.
+    The first one is set free and varies as equilibrium asks; states are stable or not under its
+    control. `steps` would lead straight to the end of `along`; the path takes more. Time only
+    counts the path, `duration` over a length as that straight one.
     """
 
     vary: Variable = Field(description="what is set free; limit points are those of it")
@@ -94,5 +94,10 @@ def check_branches(program: Iterable[Any], coupling: str) -> None:
             raise ValueAt(
                 ("program", i, "follow"),
                 f"{along} is prescribed here, so no branch runs along it; load the {other}",
+            )
+        if driven[PORT_OF[vary]] in ("spring", "bias"):
+            raise ValueAt(
+                ("program", i, "follow", "vary"),
+                f"the bias would be taken off the mount to vary its {vary}; vary the voltage",
             )
         driven[PORT_OF[vary]] = vary
