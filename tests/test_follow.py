@@ -15,10 +15,12 @@ import dealib
 from dealib.cli.app import app
 from dealib.config.bias import Bistable, Spring
 from dealib.errors import ConfigError, NotConverged
+from dealib.materials import thickness_stretch
 from dealib.program.follow import LIMIT_POINT, Branch
 from dealib.program.pair import Pair, size
 from dealib.program.predictor import Predictor
 from dealib.results.summary import critical_points
+from dealib.units import EPSILON_0
 
 NEO, MOONEY, GENT = block.mooney_rivlin_of(0.0), block.mooney_rivlin_of(0.2), block.gent_of(20.0)
 
@@ -242,18 +244,26 @@ def test_force_along_displacement_is_the_curve_of_displacement_control():
     assert h["force_N"].iloc[-1] == pytest.approx(pushed["force_N"].iloc[-1], rel=1e-8)
 
 
-def test_flat_film_buckles_by_a_bifurcation():
-    """Without a force nothing moves the flat film: the voltage passes a bifurcation at once."""
-    text = "{vary: voltage, until: {charge: 1 uC}}"
+def test_a_flat_film_buckles_where_its_tension_is_gone():
+    """A bifurcation, not a limit point: the flat state goes on, unstable in more and more ways."""
+    text = "{vary: voltage, until: {charge: 0.7 uC}}"
     free = "{stage: free, mount: {force: 0 N}}"
     program = f"[{free}, {{stage: branch, follow: {text}, steps: 8}}]"
-    h = history("pull_in", program=program, **NO_AIR)
-    assert h["displacement_mm"].abs().max() < 1e-6
+    bare = {**NO_AIR, "geometry__electrode_thickness": "0 um"}
+    h = history("pull_in", program=program, **bare)
+    assert h["displacement_mm"].abs().max() < 1e-9
     assert h["limit_point"].sum() == 0
     first = h[h["bifurcation"] == 1].iloc[0]
-    stable = h[h["voltage_kV"] < first["voltage_kV"]]
-    assert (stable["unstable_modes"] == 0).all()
-    assert first["unstable_modes"] >= 1
+    assert (h.loc[: first.name - 1, "unstable_modes"] == 0).all()
+    assert h["unstable_modes"].is_monotonic_increasing
+    assert h["unstable_modes"].iloc[-1] > 5
+    # tension at rest, by hand: mu (lp^2 - lz^2) J^(-5/3), balanced by the field's eps E^2
+    g, film = case("pull_in").config.geometry, case("pull_in").config.materials.film
+    lp = film.prestretch[0]
+    lz = thickness_stretch(film, lp, lp)
+    stress = film.shear_modulus * (lp**2 - lz**2) * (lp**2 * lz) ** (-5 / 3)
+    gone = g.film_thickness * np.sqrt(stress / (EPSILON_0 * film.relative_permittivity))
+    assert first["voltage_kV"] == pytest.approx(gone, rel=0.01)
 
 
 # --- what the user sees --------------------------------------------------------------------------
