@@ -20,6 +20,8 @@ CONFIG_NAMES = {
     "hysteresis",
     "membrane",
     "own_mesh",
+    "pull_in",
+    "snap_through",
 }
 
 
@@ -110,3 +112,13 @@ def test_biased_films(name, rest, full):
     released = h.index[h["voltage_kV"] == 0].max()
     assert h["displacement_mm"].iloc[released] == pytest.approx(rest, abs=1e-4)
     assert h.loc[h["voltage_kV"].idxmax(), "displacement_mm"] == pytest.approx(full, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "volts"), [("pull_in", [4.39758]), ("snap_through", [2.53746, 1.48746])]
+)
+def test_branches_past_limit_points(name, volts):
+    """More about them in test_follow.py."""
+    h = history(name)
+    assert h.loc[h["limit_point"] == 1, "voltage_kV"].tolist() == pytest.approx(volts, abs=1e-4)
+    assert h["unstable_modes"].max() == 1

@@ -59,6 +59,16 @@ CASES = {
             " steps: 3}, {stage: actuate, terminal: {voltage: 2 kV}, steps: 2}]",
         },
     ),
+    "branch": (  # with the air's one-way rows and one equation in two ports
+        "pull_in",
+        {
+            "mesh.columns": 12,
+            "mesh.film_rows": 1,
+            "output.fields": "every",
+            "program": "[{stage: load, mount: {force: -0.4 N}, steps: 8}, {stage: branch, follow:"
+            " {vary: voltage, along: displacement, until: {displacement: -5.35 mm}}, steps: 6}]",
+        },
+    ),
     "clamps": (
         "benchmark_strip_air",
         {

@@ -6,7 +6,7 @@ import shlex
 
 from dealib.errors import ConfigError
 from dealib.results.reader import Run
-from dealib.results.summary import actuations
+from dealib.results.summary import actuations, critical_points
 
 
 def summary(run: Run) -> str:
@@ -27,6 +27,8 @@ def summary(run: Run) -> str:
         rows.append(
             (f"force change in {a.stage!r}", f"{a.force_change:.5g} N (blocking force if held)")
         )
+    for point in critical_points(h, run.config):
+        rows.append((f"{point.name} in {point.stage!r}", point.text))
     c, e = h["capacitance_pF"], h["field_max_MV_per_m"]
     rows += [
         ("capacitance", f"{c.min():.5g} .. {c.max():.5g} pF"),

@@ -205,3 +205,16 @@ def second_device(config: Any, film: SecondFilm) -> Any:
         first = error.errors()[0]
         where = ".".join(map(str, first["loc"]))
         raise ValueAt(("set",), f"{where}: {problem(first, type(config))}") from None
+
+
+def check_second_films(config: Any) -> None:
+    """Raise `ValueAt` if a second film of the program cannot be made."""
+    for i, stage in enumerate(config.program):
+        for k, element in enumerate((stage.mount and stage.mount.bias) or ()):
+            if element.film is None:
+                continue
+            try:
+                second_device(config, element.film)
+            except ValueAt as error:
+                where = ("program", i, "mount", "bias", k, "film", *error.where)
+                raise ValueAt(where, str(error)) from None

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from pydantic import Field, model_validator
 
 from dealib.config.bias import BiasElement, Forces, Lengths, Masses, Spring
+from dealib.config.follow import Follow
 from dealib.config.section import OneOf, Section
 from dealib.errors import ValueAt
 from dealib.units import Charge, Time, Voltage, list_of
@@ -68,6 +69,25 @@ class Stage(Section):
     cycles: int = Field(1, ge=1, description="repetitions")
     mount: MountInput | None = Field(None, description="unchanged if not given")
     terminal: TerminalInput | None = Field(None, description="unchanged if not given")
+
+    follow: Follow | None = Field(
+        None, description="follow the branch of equilibria instead, past limit points"
+    )
+
+    @model_validator(mode="after")
+    def _follows_alone(self) -> Stage:
+        if self.follow is None:
+            return self
+        for port in ("mount", "terminal"):
+            if getattr(self, port) is not None:
+                raise ValueAt(
+                    (port,), "a stage that follows a branch takes no input; give it a stage before"
+                )
+        if self.cycles > 1:
+            raise ValueAt(("cycles",), "a branch is followed once")
+        if self.stage == "prestrain":
+            raise ValueAt(("follow",), "a prestrain stage takes no input")
+        return self
 
     @model_validator(mode="after")
     def _cycles_close(self) -> Stage:

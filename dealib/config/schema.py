@@ -14,7 +14,8 @@ from pydantic import (
     model_validator,
 )
 
-from dealib.config.bias import second_device
+from dealib.config.bias import check_second_films
+from dealib.config.follow import check_branches
 from dealib.config.program import Stage
 from dealib.config.section import Section
 from dealib.config.source import did_you_mean
@@ -338,14 +339,8 @@ class Config(Section):
         if self.physics.formulation == "mixed" and self.mesh.order != 2:
             raise ValueAt(("mesh", "order"), "physics.formulation: mixed needs order 2")
         self._air_above_stroke()
-        for i, stage in enumerate(self.program):
-            for k, element in enumerate((stage.mount and stage.mount.bias) or ()):
-                if element.film is not None:
-                    try:
-                        second_device(self, element.film)
-                    except ValueAt as error:
-                        where = ("program", i, "mount", "bias", k, "film", *error.where)
-                        raise ValueAt(where, str(error)) from None
+        check_branches(self.program, self.physics.coupling, self.materials)
+        check_second_films(self)
         return self
 
     def _air_above_stroke(self) -> None:

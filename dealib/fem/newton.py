@@ -85,9 +85,14 @@ class Newton:
         iterations: Iterations of the last solve.
         linear_iterations: Iterations of its linear solver, one each without air.
         total: Iterations of all solves.
+
+    Args:
+        problem: The problem.
+        timings: Where times are added.
+        symmetric: Whether no port's equation sums the values of several ports.
     """
 
-    def __init__(self, problem: Problem, timings: Timings) -> None:
+    def __init__(self, problem: Problem, timings: Timings, symmetric: bool = True) -> None:
         self.system = System(problem, timings)
         self.timings = timings
         self.iterations = self.linear_iterations = self.total = 0
@@ -106,22 +111,23 @@ class Newton:
         self._snes.setConvergenceTest(self._test)
         # `_test` alone decides; PETSc 3.25 would take a failed line search for a small step
         self._snes.setTolerances(stol=0.0, max_it=solver.max_iterations)
-        self._set_linear_solver()
+        self._set_linear_solver(symmetric)
         self._snes.setFromOptions()
         self._factored = False
         self._logged = 0.0
         self._logged = self.factorisation_seconds
         self._norms = np.zeros(len(FIELDS))
 
-    def _set_linear_solver(self) -> None:
-        """LDL^T, or LU if there is no potential; with air, by blocks.
+    def _set_linear_solver(self, symmetric: bool) -> None:
+        """LDL^T, or LU if the body's tangent is not symmetric; with air, by blocks.
 
         The air's mesh follows the body, which feels it only through the field in the air. So the
         tangent is nearly block triangular, and a sweep of Gauss-Seidel over the body with the field
         and then the air's mesh, each factorised for itself, is nearly its inverse.
         """
         problem = self.system.problem
-        body = _MUMPS | {"pc_type": "cholesky" if problem.coupling.symmetric else "lu"}
+        symmetric = symmetric and problem.coupling.symmetric
+        body = _MUMPS | {"pc_type": "cholesky" if symmetric else "lu"}
         if not problem.mesh_motion:
             _set_options(_PREFIX, body)
             return
@@ -234,6 +240,20 @@ class Newton:
         mine = sum(len(system.map.numbers(field)) for field in ("potential", "pressure"))
         concave = system.map.comm.allreduce(mine) + (system.ports["terminal"].value is None)
         return int(self.inertia()[0] - concave)
+
+    def response(self, port: str) -> Any:
+        """Rate of q as the right-hand side of a port's equation grows, at the current state."""
+        system = self.system
+        system.residual(system.q, system.residual_vector)
+        self._tangent(self._snes, system.q, system.matrix, system.matrix)
+        unit, found = system.q.duplicate(), system.q.duplicate()
+        unit.set(0.0)
+        system.map.set_port(unit, port, 1.0)
+        system.eliminate(unit)
+        solver = self._snes.getKSP()
+        solver.setOperators(system.matrix)
+        solver.solve(unit, found)
+        return found
 
     # --- SNES callbacks --------------------------------------------------------------------------
 

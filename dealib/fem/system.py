@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -35,22 +35,37 @@ class PortLaw:
         value: Prescribed value of the port; None if it is loaded instead.
         load: Load that does not depend on the port's value.
         devices: What else loads it, each with the value that is its anchor.
+        weights: Weights of the ports' values. In place of the port's own value their sum is
+            prescribed; of a loaded port the sum is taken from the load.
     """
 
     value: float | None = None
     load: float = 0.0
     devices: tuple[tuple[Device, float], ...] = ()
+    weights: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the port's own value is given, so that its row and column can be left out."""
+        return self.value is not None and not self.weights
 
     def balance(self, q: float) -> tuple[float, float]:
         """The whole load at a value of the port, and its slope."""
         found = [device.load(q - anchor) for device, anchor in self.devices]
         return self.load + sum(load for load, _ in found), sum(slope for _, slope in found)
 
-    def residual(self, q: float, internal: float) -> float:
-        """Zero in equilibrium; `internal` is dPi/dq of the body."""
+    def residual(self, name: str, values: dict[str, float], internal: float) -> float:
+        """Zero in equilibrium.
+
+        Args:
+            name: Of the port.
+            values: Of all ports.
+            internal: dPi/dq of the body at this port.
+        """
+        weighted = sum(weight * values[port] for port, weight in self.weights)
         if self.value is not None:
-            return q - self.value
-        return internal - self.balance(q)[0]
+            return (weighted if self.weights else values[name]) - self.value
+        return internal - self.balance(values[name])[0] + weighted
 
 
 class Timings(defaultdict[str, float]):
@@ -116,7 +131,7 @@ class System:
                 out.assemble()
             self.internal, self.values = self.map.port_values(out), self.map.port_values(q)
             for name, law in self.ports.items():
-                self.map.set_port(out, name, law.residual(self.values[name], self.internal[name]))
+                self.map.set_port(out, name, law.residual(name, self.values, self.internal[name]))
 
     def field_norms(self, vector: Any) -> npt.NDArray[np.float64]:
         """Euclidean norm of a reduced vector by field, without the ports."""
@@ -137,15 +152,29 @@ class System:
         with self.timings("assembly"):
             matrix.zeroEntries()
             self._assemble(matrix)
+            summed = []
             for name, law in self.ports.items():
-                slope = law.balance(self.values[name])[1]
-                if law.value is None and slope and self.map.comm.rank == 0:
-                    row = self.map.ports[name]
-                    matrix.setValue(row, row, -slope, addv=PETSc.InsertMode.ADD_VALUES)
+                if law.value is None:
+                    slope = law.balance(self.values[name])[1]
+                    self._add(matrix, name, [(name, -slope), *law.weights])
+                elif law.weights:
+                    summed.append(name)
             matrix.assemble()
-            rows = {n: self.map.ports[n] for n, p in self.ports.items() if p.value is not None}
+            if summed:
+                mine = [self.map.ports[n] for n in summed] if self.map.comm.rank == 0 else []
+                matrix.zeroRows(mine, 0.0)
+                for name in summed:
+                    self._add(matrix, name, self.ports[name].weights)
+                matrix.assemble()
+            rows = {n: self.map.ports[n] for n, p in self.ports.items() if p.fixed}
             self._eliminated = {n: matrix.getColumnVector(row) for n, row in rows.items()}
             matrix.zeroRowsColumns(list(rows.values()) if self.map.comm.rank == 0 else [], 1.0)
+
+    def _add(self, matrix: Any, name: str, weights: Iterable[tuple[str, float]]) -> None:
+        """Add to the row of a port, in the columns of ports."""
+        for port, weight in weights if self.map.comm.rank == 0 else ():
+            row, column = self.map.ports[name], self.map.ports[port]
+            matrix.setValue(row, column, weight, addv=PETSc.InsertMode.ADD_VALUES)
 
     def eliminate(self, right: Any) -> None:
         """Make a right-hand side fit the last tangent: take the prescribed ports' steps out of it.
@@ -185,8 +214,8 @@ class System:
         loose.setPreallocationNNZ(self._row_bound())
         loose.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
         loose.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)
-        for port in self.map.ports.values() if self.map.comm.rank == 0 else ():
-            loose.setValue(port, port, 1.0, addv=PETSc.InsertMode.ADD_VALUES)
+        for port in self.map.ports:
+            self._add(loose, port, [(other, 1.0) for other in self.map.ports])
         self._assemble(loose)
         loose.assemble()
         matrix = loose.duplicate(copy=False)

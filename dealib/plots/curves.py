@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 
 from dealib.config.source import did_you_mean
 from dealib.errors import ConfigError
+from dealib.plots.branches import draw_history
 from dealib.plots.labels import kind, label, split
 from dealib.plots.style import DASHES
 from dealib.results.reader import Run
@@ -23,8 +24,8 @@ def overview(runs: Sequence[Run]) -> Any:
         h = run.history
         dash = {"color": f"C{k}", "ls": DASHES[k % len(DASHES)]}
         style = dash | {"marker": ".", "ms": 4}
-        force.plot(h["displacement_mm"], h["force_N"], label=names(runs)[k], **style)
-        time.plot(h["time_s"], h["displacement_mm"], **dash)
+        draw_history(force, h, "displacement_mm", "force_N", label=names(runs)[k], **style)
+        draw_history(time, h, "time_s", "displacement_mm", **dash)
         if len(runs) == 1:
             force_axis = time.twinx()
             force_axis.plot(h["time_s"], h["force_N"], color="C1", ls="--")
@@ -33,9 +34,9 @@ def overview(runs: Sequence[Run]) -> Any:
             force_axis.set_ylabel(label("force_N"))
         if len(runs) == 1:
             dash["color"] = "C2"
-        voltage.plot(h["time_s"], h["voltage_kV"], **dash)
-        capacitance.plot(h["displacement_mm"], h["capacitance_pF"], **style)
-        field.plot(h["voltage_kV"], h["field_max_MV_per_m"], **style)
+        draw_history(voltage, h, "time_s", "voltage_kV", **dash)
+        draw_history(capacitance, h, "displacement_mm", "capacitance_pF", **style)
+        draw_history(field, h, "voltage_kV", "field_max_MV_per_m", **style)
     force.set(xlabel=label("displacement_mm"), ylabel=label("force_N"))
     time.set_ylabel(label("displacement_mm"))
     time.tick_params(labelbottom=False)
@@ -73,9 +74,11 @@ def curves(runs: Sequence[Run], x: str, ys: Sequence[str]) -> Any:
             for n, column in enumerate(columns):
                 several = [title] if len(runs) > 1 else []
                 several += [split(column)[0]] if len(columns) > 1 else []
-                axis.plot(
-                    run.history[x],
-                    run.history[column],
+                draw_history(
+                    axis,
+                    run.history,
+                    x,
+                    column,
                     color=f"C{k if len(runs) > 1 else n}",
                     ls=DASHES[(k + n) % len(DASHES)],
                     marker=".",

@@ -75,9 +75,23 @@ def law(drives: Drives, cycle_fraction: float) -> PortLaw:
     )
 
 
+_PLAIN: dict[str, tuple[str, str, Kind, float]] = {
+    "displacement": ("mount.displacement", "mm", "value", 1.0),
+    "force": ("mount.force", "N", "load", 1.0),
+    "voltage": ("terminal.voltage", "kV", "value", 1.0),
+    "charge": ("terminal.charge", "uC", "load", -1.0),
+}
+
+
+def plain_drive(variable: str, knots: tuple[float, ...]) -> Drive:
+    """A port variable that is prescribed."""
+    label, unit, kind, sign = _PLAIN[variable]
+    return Drive(label, unit, kind, knots, sign)
+
+
 REST = {
-    "mount": (Drive("mount.displacement", "mm", "value", (0.0, 0.0)),),
-    "terminal": (Drive("terminal.voltage", "kV", "value", (0.0, 0.0)),),
+    "mount": (plain_drive("displacement", (0.0, 0.0)),),
+    "terminal": (plain_drive("voltage", (0.0, 0.0)),),
 }
 
 
@@ -98,10 +112,9 @@ def mount_drives(
         sample: Measures a second film.
     """
     if given.displacement is not None:
-        knots = _from(displacement, given.displacement)
-        return (Drive("mount.displacement", "mm", "value", knots),)
+        return (plain_drive("displacement", _from(displacement, given.displacement)),)
     if given.force is not None:
-        return (Drive("mount.force", "N", "load", _from(force, given.force)),)
+        return (plain_drive("force", _from(force, given.force)),)
     if given.mass is not None:
         return (Drive("mount.mass (as force)", "N", "load", _from(force, _weights(given.mass))),)
     if given.spring is not None:
@@ -154,9 +167,9 @@ def _weights(masses: tuple[float, ...]) -> tuple[float, ...]:
 def terminal_drives(given: TerminalInput, voltage: float, charge: float) -> Drives:
     """The terminal's drives in a stage that starts at a voltage (kV) and a charge (uC)."""
     if given.voltage is not None:
-        return (Drive("terminal.voltage", "kV", "value", _from(voltage, given.voltage)),)
+        return (plain_drive("voltage", _from(voltage, given.voltage)),)
     assert given.charge is not None
-    return (Drive("terminal.charge", "uC", "load", _from(charge, given.charge), sign=-1.0),)
+    return (plain_drive("charge", _from(charge, given.charge)),)
 
 
 def _from(start: float, knots: tuple[float, ...]) -> tuple[float, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from dealib.program.follow import Position
 from dealib.program.increments import Place
 from dealib.program.inputs import REST, Drive, Drives
 from dealib.program.work import Work
@@ -20,6 +21,7 @@ class Progress:
         stage: Index of its stage; 0 is pre-strain.
         stage_start: Clock time at which the stage began, s.
         place: Where the increments are in the stage, in cycles.
+        branch: Where the path is in a stage that follows a branch.
         drives: What drives the ports.
         work: Work done so far.
         row: The last row of the history, none before the first.
@@ -30,6 +32,7 @@ class Progress:
     stage: int = 0
     stage_start: float = 0.0
     place: Place = field(default_factory=Place)
+    branch: Position | None = None
     drives: dict[str, Drives] = field(default_factory=lambda: dict(REST))
     work: Work = field(default_factory=Work)
     row: dict[str, Any] | None = None
@@ -44,6 +47,7 @@ class Progress:
         """Inverse of `plain`, also after a round trip through JSON."""
         given = dict(plain)
         given["place"], given["work"] = Place(**given["place"]), Work(**given["work"])
+        given["branch"] = given["branch"] and Position.of(given["branch"])
         given["drives"] = {
             port: tuple(map(Drive.of, drives)) for port, drives in given["drives"].items()
         }

@@ -112,6 +112,9 @@ class Log:
     def see(self, state: State) -> None:
         """See `Observer`."""
         log.info(line(state.row))
+        for kind in ("limit_point", "bifurcation"):
+            if state.row.get(kind):
+                log.info("step %d is a %s", state.row["step"], kind.replace("_", " "))
 
     def stop(self, error: BaseException | None) -> None:
         """See `Observer`."""

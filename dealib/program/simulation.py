@@ -12,8 +12,9 @@ from typing import Any
 from mpi4py import MPI
 
 from dealib.config.case import Case
+from dealib.config.follow import PARTNER, Until
 from dealib.config.program import Stage
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, NotConverged
 from dealib.fem.layout import Layout
 from dealib.fem.measures import film_stretches, measure
 from dealib.fem.newton import Newton
@@ -21,8 +22,17 @@ from dealib.fem.problem import build_problem
 from dealib.fem.system import Timings
 from dealib.fem.viscous import Viscosity
 from dealib.program.bias import ReachWatch, second_film
+from dealib.program.follow import BIFURCATION, LIMIT_POINT, Branch, Position
 from dealib.program.increments import Increments, Place
-from dealib.program.inputs import Drive, law, milestones, mount_drives, terminal_drives
+from dealib.program.inputs import (
+    Drive,
+    law,
+    milestones,
+    mount_drives,
+    plain_drive,
+    terminal_drives,
+)
+from dealib.program.pair import COLUMN, Pair, size
 from dealib.program.predictor import Predictor
 from dealib.program.progress import Progress
 from dealib.program.stability import StabilityWatch
@@ -84,7 +94,10 @@ class Simulation:
         self.layout = Layout.of(self.problem.device, self.problem.spaces)
         self.timings["mesh"] += time.perf_counter() - start
         self.viscosity = Viscosity(self.problem, self.layout) if self.problem.branches else None
-        self.newton = Newton(self.problem, self.timings)
+        follows = [stage.follow for stage in case.config.program if stage.follow is not None]
+        crossed = any(PARTNER[vary] != along for vary, along in (f.pair for f in follows))
+        self.newton = Newton(self.problem, self.timings, symmetric=not crossed)
+        self._judges = bool(follows)
         self.steps_planned = _steps_planned(case.config.program)
         self.progress = Progress()
         self._predictor = Predictor(
@@ -112,7 +125,7 @@ class Simulation:
             if index > self.progress.stage:
                 self._begin(index, stage)
             if index == self.progress.stage:
-                yield from self._run(stage)
+                yield from self._run(stage) if stage.follow is None else self._follow(stage)
 
     def _restore(self, saved: Checkpoint) -> None:
         """Take up a saved state (collective)."""
@@ -172,7 +185,7 @@ class Simulation:
             p.drives["terminal"] = terminal_drives(
                 stage.terminal, p.row["voltage_kV"], p.row["charge_uC"]
             )
-        p.stage, p.stage_start, p.place = index, p.time, Place()
+        p.stage, p.stage_start, p.place, p.branch = index, p.time, Place(), None
 
     def _run(self, stage: Stage) -> Iterator[State]:
         """The rest of the stage that the progress is in."""
@@ -196,11 +209,61 @@ class Simulation:
             time = p.stage_start + at * stage.duration
             yield self._state(stage.stage, time, last=at == targets[-1])
 
+    def _follow(self, stage: Stage) -> Iterator[State]:
+        """The rest of a stage that follows a branch."""
+        p, follow = self.progress, stage.follow
+        assert follow is not None
+        assert p.row is not None
+        (vary, along), until = follow.pair, follow.until
+        end = getattr(until, along)
+        for port, drives in p.drives.items():
+            self.newton.system.ports[port] = law(drives, 1.0)
+        if p.branch is None:
+            way = abs(end - p.row[COLUMN[along]])
+            if way <= 1e-9 * size(self.problem, along):
+                raise ConfigError(f"stage {stage.stage!r} begins at the end of its {along}")
+            p.branch = Position((size(self.problem, vary), way))
+        pair = Pair(vary, along, p.branch.sizes)
+        settings, goal = self.case.config.solver, getattr(until, vary)
+        branch = Branch(
+            self.newton, settings, self._predictor, pair, end, stage.steps, p.branch, goal
+        )
+        try:
+            for found in branch.run():
+                at, before = p.stage_start + p.branch.length * stage.duration, p.row
+                p.drives[pair.port] = (plain_drive(vary, (p.branch.point[0],) * 2),)
+                row = self._row(stage.stage, at, found.modes, found.kind)
+                full = p.branch.count >= (follow.states or 10 * stage.steps)
+                p.branch.done |= full or _passed(before, row, until)
+                yield self._record(row, p.branch.done)
+        except NotConverged as error:
+            raise NotConverged(
+                f"stage {stage.stage!r} stopped at {vary} = {p.branch.point[0]:.6g}, "
+                f"{along} = {p.branch.point[1]:.6g}: {error}; everything up to there is kept"
+            ) from None
+
     def _state(self, stage: str, at: float, last: bool) -> State:
+        return self._record(self._row(stage, at), last)
+
+    def _row(
+        self, stage: str, at: float, modes: int | None = None, kind: str = ""
+    ) -> dict[str, Any]:
+        """The history's row of the current state."""
         p = self.progress
         row: dict[str, Any] = {"step": p.step + 1, "time_s": at, "stage": stage}
         row |= measure(self.newton, self.layout, self.viscosity)
         row |= p.work.add(p.row, row)
+        if self._judges:
+            row["unstable_modes"] = self.newton.unstable_modes() if modes is None else modes
+            row["limit_point"], row["bifurcation"] = (
+                int(kind == LIMIT_POINT),
+                int(kind == BIFURCATION),
+            )
+        return row
+
+    def _record(self, row: dict[str, Any], last: bool) -> State:
+        """Take a row over as the last one."""
+        p, at = self.progress, row["time_s"]
         p.step, p.time, p.row = p.step + 1, at, row
         self._watch.see(row, lambda: film_stretches(self.newton, self.layout))
         self._reach.see(row, self.newton.system.ports["mount"])
@@ -233,3 +296,11 @@ class Simulation:
 def _steps_planned(program: tuple[Stage, ...]) -> int:
     """Number of rows after row 0 if no increment is cut (corners off the grid may add some)."""
     return sum(s.steps * s.cycles for s in program if s.stage != "prestrain")
+
+
+def _passed(before: dict[str, Any], row: dict[str, Any], until: Until) -> bool:
+    """Whether a variable passed its limit from one row to the next."""
+    limits = ((COLUMN[name], limit) for name, limit in until if limit is not None)
+    return any(
+        before[c] != limit and (row[c] - limit) * (before[c] - limit) <= 0 for c, limit in limits
+    )

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from dealib.config.program import Stage
 from dealib.config.schema import Config
 from dealib.results.reader import Run
-from dealib.results.summary import actuations
+from dealib.results.summary import actuations, critical_points
 from dealib.units import write
 
 Rows = list[tuple[str, str]]
@@ -96,6 +96,8 @@ def headline(run: Run) -> list[tuple[str, str]]:
             found.append((f"{_number(a.stroke)} mm", f"stroke in “{a.stage}”"))
         if a.force_change > 1e-6:
             found.append((f"{_number(a.force_change)} N", f"force change in “{a.stage}”"))
+    for point in critical_points(h, run.config):
+        found.append((f"{_number(point.value)} {point.unit}", f"{point.name} in “{point.stage}”"))
     c = h["capacitance_pF"]
     found.append((f"{c.min():.4g}–{c.max():.4g} pF", "capacitance"))
     found.append((f"{h['field_max_MV_per_m'].max():.4g} MV/m", "peak field"))

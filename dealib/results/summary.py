@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import pandas
 
+    from dealib.config.schema import Config
+
 
 @dataclass(frozen=True)
 class Actuation:
@@ -40,6 +42,73 @@ def actuations(history: pandas.DataFrame) -> list[Actuation]:
                 float((part["displacement_mm"] - before["displacement_mm"]).abs().max()),
                 float((part["force_N"] - before["force_N"]).abs().max()),
                 float(part["voltage_kV"].abs().max()),
+            )
+        )
+    return found
+
+
+@dataclass(frozen=True)
+class CriticalPoint:
+    """A special state of a branch that was followed.
+
+    Attributes:
+        stage: Name of the stage.
+        what: 'limit point' or 'bifurcation'.
+        vary: The variable that was set free, such as 'voltage'.
+        value: Of it, in its unit.
+        unit: kV, uC, mm or N.
+        displacement: Of the mount, mm.
+        modes: Number of unstable modes before and after it; none where the branch ends there.
+    """
+
+    stage: str
+    what: str
+    vary: str
+    value: float
+    unit: str
+    displacement: float
+    modes: tuple[int, int | None]
+
+    @property
+    def name(self) -> str:
+        """Such as 'limit voltage (pull-in)', if stability is lost there."""
+        lost = self.modes[0] == 0 and self.what == "limit point"
+        if not lost:
+            return f"{self.what} of {self.vary}"
+        return f"limit {self.vary}" + (" (pull-in)" if self.vary == "voltage" else "")
+
+    @property
+    def text(self) -> str:
+        """Value, place and stability."""
+        before, after = self.modes
+        change = "" if after is None else f"; unstable modes {before} -> {after}"
+        return f"{self.value:.7g} {self.unit} at {self.displacement:.6g} mm{change}"
+
+
+def critical_points(history: pandas.DataFrame, config: Config) -> list[CriticalPoint]:
+    """Limit points and bifurcations of the stages that follow a branch, in order."""
+    if "limit_point" not in history:
+        return []
+    vary = {s.stage: s.follow.vary for s in config.program if s.follow is not None}
+    columns = {c.split("_")[0]: c for c in history.columns}
+    found = []
+    for k in history.index[(history["limit_point"] + history["bifurcation"]) > 0]:
+        row = history.loc[k]
+        name = vary[row["stage"]]
+        column = columns[name]
+        modes = history["unstable_modes"]
+        limit = bool(row["limit_point"])
+        before = int(modes[k] if limit else modes[k - 1])
+        after = (int(modes[k + 1]) if k + 1 in modes else None) if limit else int(modes[k])
+        found.append(
+            CriticalPoint(
+                str(row["stage"]),
+                "limit point" if limit else "bifurcation",
+                name,
+                float(row[column]),
+                column.split("_")[1],
+                float(row["displacement_mm"]),
+                (before, after),
             )
         )
     return found

@@ -1,0 +1,299 @@
+"""Follows a branch of equilibria by pseudo-arc-length, past limit points and bifurcations.
+
+The equation of the freed port is replaced by that of a plane across the branch, at a distance from
+the last state (H. B. Keller, in: Applications of Bifurcation Theory, Academic Press, 1977, 359;
+see `Pair.arc`). The branch's exact direction is one back-substitution with the tangent. A limit
+point is where the freed variable's part of it changes sign, and is solved for; a bifurcation is
+another change of the number of unstable modes, and is bisected for.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+from dealib.config.schema import Solver
+from dealib.errors import NotConverged
+from dealib.fem.newton import Newton
+from dealib.program.pair import Pair, Two
+from dealib.program.predictor import Predictor
+
+log = logging.getLogger(__name__)
+
+_ACCURACY = 1e-7  # of a limit point, in steps; the variable's error is of second order in it
+_BISECTIONS = 8  # of the step in which a bifurcation lies
+_TURN = math.cos(math.radians(50))  # of the direction in one step, else it is halved
+_AT_REST = 1e-6  # share of a variable that does not move
+LIMIT_POINT, BIFURCATION = "limit point", "bifurcation"
+
+
+@dataclass
+class Position:
+    """Where the path is.
+
+    Attributes:
+        sizes: Of both variables; that of the second is its way to the end.
+        length: Of the path so far, over those sizes.
+        step: To try next.
+        point: Both variables.
+        direction: Of the branch there, over the sizes.
+        rising: Sign of the freed variable's change from here on.
+        modes: Number of unstable modes from here on; none if not known.
+        count: Number of states.
+        done: Whether the end is reached.
+    """
+
+    sizes: Two
+    length: float = 0.0
+    step: float = 0.0
+    point: Two = (0.0, 0.0)
+    direction: Two = (0.0, 0.0)
+    rising: float = 0.0
+    modes: int | None = None
+    count: int = 0
+    done: bool = False
+
+    @classmethod
+    def of(cls, plain: dict[str, Any]) -> Position:
+        """From plain values, also after a round trip through JSON."""
+        given: dict[str, Any] = {
+            k: tuple(v) if isinstance(v, list) else v for k, v in plain.items()
+        }
+        return cls(**given)
+
+
+@dataclass(frozen=True)
+class Found:
+    """A state on the branch, which is the solver's when it is found.
+
+    Attributes:
+        step: Distance from the state before, over the sizes.
+        direction: Of the branch, over the sizes.
+        rate: The same of all unknowns.
+        modes: Number of unstable modes under control of the freed variable; at a limit point that
+            before it.
+        kind: `LIMIT_POINT`, `BIFURCATION` or nothing.
+    """
+
+    step: float
+    direction: Two
+    rate: Any
+    modes: int
+    kind: str = ""
+
+
+class Branch:
+    """Follows one branch.
+
+    Attributes:
+        position: Where the path is; kept up to date.
+
+    Args:
+        newton: The solver, at a state under the present control.
+        settings: Iterations and cuts.
+        predictor: Where Newton starts.
+        pair: The two variables.
+        end: Where to stop, as a value of the second variable.
+        steps: In which the way there would be gone straight.
+        position: Where to go on.
+        goal: Value of the freed variable that it moves to first, if the second one is at rest.
+    """
+
+    def __init__(
+        self,
+        newton: Newton,
+        settings: Solver,
+        predictor: Predictor,
+        pair: Pair,
+        end: float,
+        steps: int,
+        position: Position | None = None,
+        goal: float | None = None,
+    ) -> None:
+        self.newton, self.settings, self.predictor = newton, settings, predictor
+        self.pair, self.end, self.goal = pair, end, goal
+        self.position = Position(pair.sizes) if position is None else position
+        self._largest = 1 / steps
+        self._system = newton.system
+        self._rate: Any = None  # of the last state
+
+    def run(self) -> Iterator[Found]:
+        """The states one after another, until the position says it is done.
+
+        Raises:
+            NotConverged: When a step has been halved too often; the state is the last one.
+        """
+        if self.position.step == 0:
+            self._start()
+        while not self.position.done:
+            kept = self._system.q.copy()
+            found, iterations = self._advance(kept)
+            self.position.done = beyond = self._beyond()
+            if beyond:
+                found = self._last(kept)
+            special = self._limit_point(kept, found) or self._bifurcation(kept, found)
+            if special is not None:
+                self.position.done = False
+                found = special
+            self._accept(found)
+            if iterations <= self.settings.target_iterations:
+                self.position.step = min(2 * self.position.step, self._largest)
+            yield found
+
+    def _start(self) -> None:
+        """Direction at the first state: towards the end, else to the goal or away from zero."""
+        p, pair = self.position, self.pair
+        self.predictor.start()
+        self._system.residual(self._system.q, self._system.residual_vector)
+        p.point, p.modes, p.step = pair.point(self._system), self._modes(), self._largest
+        x, y = p.point
+        # a plane that the branch hardly lies in: where nothing is known, both variables grow
+        direction, rate = pair.direction(self.newton, pair.arc(p.point, (0.6, 0.8), 0.0))
+        towards = direction[1] * (self.end - y)
+        if abs(direction[1]) < _AT_REST:
+            towards = direction[0] * ((x or 1.0) if self.goal is None else self.goal - x)
+        p.direction, self._rate = _oriented(direction, rate, towards)
+        p.rising = math.copysign(1.0, p.direction[0])
+
+    def _advance(self, kept: Any) -> tuple[Found, int]:
+        """A state further on, and the iterations it took; cut back where Newton fails."""
+        p = self.position
+        smallest = self._largest * 0.5**self.settings.max_cuts
+        while True:
+            try:
+                at = p.length + p.step
+                guess = self.predictor.predict(at, ("branch", at))
+                if guess is None and self._rate is not None:
+                    guess = kept.copy()
+                    guess.axpy(p.step, self._rate)
+                found = self._solve(kept, p.step, guess)
+                turned = sum(a * b for a, b in zip(found.direction, p.direction, strict=True))
+                if turned < _TURN:
+                    raise NotConverged("the branch turns too sharply for it")
+                return found, self.newton.iterations
+            except NotConverged as error:
+                kept.copy(self._system.q)
+                p.step /= 2
+                if p.step < smallest:
+                    self._system.ports[self.pair.port] = self.pair.control(p.point[0])
+                    self._system.residual(self._system.q, self._system.residual_vector)
+                    raise NotConverged(f"the branch ends, or turns too sharply ({error})") from None
+                log.info("step along the branch cut to %.3g: %s", p.step, error)
+
+    # --- states ----------------------------------------------------------------------------------
+
+    def _solve(self, kept: Any, step: float, guess: Any = None) -> Found:
+        """The state at a distance from the last one."""
+        p = self.position
+        self._system.ports[self.pair.port] = self.pair.arc(p.point, p.direction, step)
+        if guess is not None:
+            guess.copy(self._system.q)
+        self.newton.solve()
+        return self._found(kept, step)
+
+    def _last(self, kept: Any) -> Found:
+        """The state at the end of the second variable, from one just beyond it."""
+        p = self.position
+        self._system.ports[self.pair.port] = self.pair.end(self.end)
+        self.newton.solve()
+        moved = zip(p.direction, self.pair.point(self._system), p.point, p.sizes, strict=True)
+        return self._found(kept, sum(d * (b - a) / size for d, b, a, size in moved))
+
+    def _found(self, kept: Any, step: float) -> Found:
+        """What the solver's state is, after the last one."""
+        p, port = self.position, self.pair.port
+        law, modes = self._system.ports[port], self._modes()
+        arc = self.pair.arc(p.point, p.direction, step)
+        direction, rate = self.pair.direction(self.newton, arc)
+        self._system.ports[port] = law
+        moved = self._system.q.copy()
+        moved.axpy(-1.0, kept)
+        return Found(step, *_oriented(direction, rate, moved.dot(rate)), modes)
+
+    def _modes(self) -> int:
+        """Unstable modes of the solver's state under control of the freed variable."""
+        ports, port = self._system.ports, self.pair.port
+        law = ports[port]
+        ports[port] = self.pair.control(self.pair.point(self._system)[0])
+        modes = self.newton.unstable_modes()
+        ports[port] = law
+        return modes
+
+    def _beyond(self) -> bool:
+        before, now = self.position.point[1], self.pair.point(self._system)[1]
+        return (now - self.end) * (before - self.end) <= 0
+
+    def _accept(self, found: Found) -> None:
+        p = self.position
+        p.length += found.step
+        p.point, p.direction = self.pair.point(self._system), found.direction
+        p.rising = -p.rising if found.kind == LIMIT_POINT else math.copysign(1.0, p.direction[0])
+        p.modes = None if found.kind == LIMIT_POINT else found.modes
+        p.count += 1
+        self._rate = found.rate
+        self.predictor.add(p.length, ("branch", p.length), self._system.q)
+
+    # --- special points --------------------------------------------------------------------------
+
+    def _limit_point(self, kept: Any, reached: Found) -> Found | None:
+        """The state at which the freed variable turns, if it does so before a state."""
+        from scipy.optimize import brentq
+
+        p = self.position
+        if reached.direction[0] * p.rising >= 0:
+            return None
+        q, found = self._system.q.copy(), reached
+
+        def turning(share: float) -> float:
+            nonlocal found
+            if share == 0:
+                return p.rising * max(abs(p.direction[0]), _ACCURACY)
+            found = self._solve(kept, share * reached.step, _between(kept, q, share))
+            return found.direction[0]
+
+        try:
+            turning(brentq(turning, 0.0, 1.0, xtol=_ACCURACY))
+        except (NotConverged, ValueError) as error:
+            log.warning("a limit point was passed, but not found: %s", error)
+            q.copy(self._system.q)
+            self._solve(kept, reached.step)
+            return None
+        modes = reached.modes if p.modes is None else p.modes
+        return replace(found, modes=modes, kind=LIMIT_POINT)
+
+    def _bifurcation(self, kept: Any, reached: Found) -> Found | None:
+        """The state behind which the number of unstable modes is another, if there is one."""
+        p = self.position
+        if p.modes is None or reached.modes == p.modes:
+            return None
+        q, low, high = self._system.q.copy(), 0.0, 1.0
+        found = reached
+        try:
+            for _ in range(_BISECTIONS):
+                share = (low + high) / 2
+                found = self._solve(kept, share * reached.step, _between(kept, q, share))
+                low, high = (share, high) if found.modes == p.modes else (low, share)
+            found = self._solve(kept, high * reached.step, _between(kept, q, high))
+        except NotConverged as error:
+            log.warning("a bifurcation was passed, but not found: %s", error)
+            q.copy(self._system.q)
+            found = self._solve(kept, reached.step)
+        return replace(found, kind=BIFURCATION)
+
+
+def _between(first: Any, second: Any, share: float) -> Any:
+    q = first.copy()
+    q.scale(1 - share)
+    q.axpy(share, second)
+    return q
+
+
+def _oriented(direction: Two, rate: Any, sense: float) -> tuple[Two, Any]:
+    """A direction, or its opposite if it points against the sense."""
+    if sense >= 0:
+        return direction, rate
+    rate.scale(-1.0)
+    return (-direction[0], -direction[1]), rate
