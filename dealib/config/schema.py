@@ -22,7 +22,7 @@ from dealib.errors import ValueAt
 from dealib.materials.laws import LAWS, Law, invariants_of_stretches
 from dealib.materials.library import library
 from dealib.materials.permittivity import RelativePermittivity, StretchPermittivity
-from dealib.units import Length, Stress
+from dealib.units import ElectricField, Length, Stress
 
 
 def _plain_name(name: str) -> str:
@@ -283,6 +283,32 @@ class Solver(Section):
     )
 
 
+class Limits(Section):
+    """What the film bears; the history then says how much of it is used, 1 being the limit."""
+
+    breakdown_strength: ElectricField | None = Field(
+        None, gt=0, description="of the film's material; default none"
+    )
+    electrode_knockdown: float = Field(
+        1.0, gt=0, le=1, description="share of the strength that is left between real electrodes"
+    )
+    stretch_max: float | None = Field(
+        None, gt=1, description="largest principal stretch of the film, from its unstretched state"
+    )
+
+    @property
+    def breakdown(self) -> float | None:
+        """Field that the film bears between its electrodes, MV/m."""
+        strength = self.breakdown_strength
+        return None if strength is None else strength * self.electrode_knockdown
+
+    @model_validator(mode="after")
+    def _knocks_down(self) -> Limits:
+        if self.breakdown_strength is None and self.electrode_knockdown != 1:
+            raise ValueAt(("electrode_knockdown",), "needs breakdown_strength, which it reduces")
+        return self
+
+
 # --- the whole -----------------------------------------------------------------------------------
 
 
@@ -304,6 +330,7 @@ class Config(Section):
     mesh: Mesh = Mesh()
     materials: Materials
     physics: Physics = Physics()
+    limits: Limits = Limits()
     solver: Solver = Solver()
     program: tuple[Stage, ...] = Field(min_length=1)
     output: Output = Output()

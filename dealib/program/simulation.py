@@ -14,8 +14,9 @@ from mpi4py import MPI
 from dealib.config.case import Case
 from dealib.config.program import Stage
 from dealib.errors import ConfigError
+from dealib.fem.film import FilmPoints
 from dealib.fem.layout import Layout
-from dealib.fem.measures import film_stretches, measure
+from dealib.fem.measures import Snapshot, film_stretches, measure
 from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem
 from dealib.fem.system import Timings
@@ -76,6 +77,7 @@ class Simulation:
         start = time.perf_counter()
         self.problem = build_problem(case.config, comm, mesh_file)
         self.layout = Layout.of(self.problem.device, self.problem.spaces)
+        self._film = FilmPoints.of(case.config, self.problem.device, self.layout)
         self.timings["mesh"] += time.perf_counter() - start
         self.newton = Newton(self.problem, self.timings)
         self.steps_planned = _steps_planned(case.config.program)
@@ -179,10 +181,11 @@ class Simulation:
     def _state(self, stage: str, at: float, last: bool) -> State:
         p = self.progress
         row: dict[str, Any] = {"step": p.step + 1, "time_s": at, "stage": stage}
-        row |= measure(self.newton, self.layout)
+        snapshot = Snapshot(self.newton, self._film)
+        row |= measure(snapshot)
         row |= p.work.add(p.row, row)
         p.step, p.time, p.row = p.step + 1, at, row
-        self._watch.see(row, lambda: film_stretches(self.newton, self.layout))
+        self._watch.see(row, lambda: film_stretches(snapshot))
         self._reach.see(row, self.newton.system.ports["mount"])
         return State(row, last, self)
 
