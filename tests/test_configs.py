@@ -16,6 +16,7 @@ CONFIG_NAMES = {
     "deap200",
     "deap75",
     "elastosil",
+    "margins",  # in test_margins.py
     "membrane",
     "own_mesh",
 }

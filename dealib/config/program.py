@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from dealib.config.bias import BiasElement, Forces, Lengths, Masses, Spring
 from dealib.config.section import OneOf, Section
+from dealib.config.stop import Condition
 from dealib.errors import ValueAt
 from dealib.units import Charge, Time, Voltage, list_of
 
@@ -68,6 +69,9 @@ class Stage(Section):
     cycles: int = Field(1, ge=1, description="repetitions")
     mount: MountInput | None = Field(None, description="unchanged if not given")
     terminal: TerminalInput | None = Field(None, description="unchanged if not given")
+    stop_when: tuple[Condition, ...] = Field(
+        (), description="ends the stage at a state that meets one"
+    )
 
     @model_validator(mode="after")
     def _cycles_close(self) -> Stage:

@@ -130,6 +130,11 @@ def _library() -> Iterator[str]:
         yield f"| `{name}` | {entry.description} | {entry.words} | {entry.source} |"
 
 
+def _sections(items: Node) -> Node:
+    """What a list holds, where short forms stand for sections: the sections."""
+    return next((choice for choice in items.get("anyOf", []) if "$ref" in choice), items)
+
+
 def _section(node: Node, path: str, defs: Node, seen: set[str]) -> Iterator[str]:
     yield from ("", f"## `{path}`" if path else "## Top level", "")
     yield from (node.get("description", ""), "")
@@ -138,7 +143,7 @@ def _section(node: Node, path: str, defs: Node, seen: set[str]) -> Iterator[str]
     for key, value in node["properties"].items():
         required = "*needed*" if key in node.get("required", ()) else ""
         default = f"`{value['default']}`" if value.get("default", "") != "" else required
-        items = value.get("items", {})
+        items = _sections(value.get("items", {}))
         inner = items if "$ref" in items else value
         if "$ref" in inner or "discriminator" in inner:
             below.append((f"{path}.{key}".lstrip(".") + ("[]" if inner is items else ""), inner))
@@ -158,5 +163,6 @@ def _section(node: Node, path: str, defs: Node, seen: set[str]) -> Iterator[str]
             keys = "`, `".join(tagged)
             yield from ("", f"## `{name}`", "", f"Laws and their parameters as above: `{keys}`.")
         seen.update(tagged)
-        if not tagged:
+        if not tagged and inner["$ref"] not in seen:
+            seen.add(inner["$ref"])
             yield from _section(resolve(inner, defs), name, defs, seen)

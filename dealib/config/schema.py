@@ -18,6 +18,7 @@ from dealib.config.bias import second_device
 from dealib.config.program import Stage
 from dealib.config.section import Section
 from dealib.config.source import did_you_mean
+from dealib.config.stop import Condition
 from dealib.errors import ValueAt
 from dealib.materials.laws import LAWS, Law, invariants_of_stretches
 from dealib.materials.library import library
@@ -333,6 +334,9 @@ class Config(Section):
     limits: Limits = Limits()
     solver: Solver = Solver()
     program: tuple[Stage, ...] = Field(min_length=1)
+    stop_when: tuple[Condition, ...] = Field(
+        (), description="ends the run at a state that meets one"
+    )
     output: Output = Output()
 
     @property
@@ -354,6 +358,9 @@ class Config(Section):
         for port in ("mount", "terminal"):
             if first.stage == "prestrain" and getattr(first, port) is not None:
                 raise ValueAt(("program", 0, port), "a prestrain stage takes no input")
+        if first.stage == "prestrain" and first.stop_when:
+            raise ValueAt(("program", 0, "stop_when"), "a prestrain stage always comes to its end")
+        self._watched_columns_exist()
         if self.physics.formulation == "mixed" and self.mesh.order != 2:
             raise ValueAt(("mesh", "order"), "physics.formulation: mixed needs order 2")
         self._air_above_stroke()
@@ -366,6 +373,18 @@ class Config(Section):
                         where = ("program", i, "mount", "bias", k, "film", *error.where)
                         raise ValueAt(where, str(error)) from None
         return self
+
+    def _watched_columns_exist(self) -> None:
+        """A condition on a limit needs the limit."""
+        needs = {"breakdown_use": "breakdown_strength", "stretch_use": "stretch_max"}
+        parts: list[tuple[tuple[str | int, ...], Config | Stage]] = [((), self)]
+        parts += [(("program", i), stage) for i, stage in enumerate(self.program)]
+        for where, part in parts:
+            for k, condition in enumerate(part.stop_when):
+                key = needs.get(condition.column)
+                if key is not None and getattr(self.limits, key) is None:
+                    missing = f"{condition.column} needs limits.{key}"
+                    raise ValueAt((*where, "stop_when", k), missing)
 
     def _air_above_stroke(self) -> None:
         """The air must stay higher than a prescribed displacement of what it covers."""

@@ -81,9 +81,7 @@ class Snapshot:
         """In-plane true stresses of the film, averaged through its thickness, (columns, 2)."""
         mixed = self.nodal.shape[-1] > 3
         pressure = self.nodal[..., 3] @ self.points.points.N.T if mixed else None
-        found = self.points.film.tensions(self.film, pressure)
-        now = self.points.area * self.film.J / self.film.F[..., 2, 2]
-        return self.points.average(found, now, self.comm)
+        return self.points.tensions(self.film, pressure)
 
     @cached_property
     def principal_stretch(self) -> Any:
@@ -182,7 +180,7 @@ def wrinkling_use(s: Snapshot) -> float:
     """Share of the mounted tension that is lost (see `Film.wrinkling`)."""
     used = s.points.film.wrinkling(s.tensions)
     k = int(np.nanargmax(used))
-    s.peaks["wrinkling_use"] = Peak(float(used[k]), float(s.points.radii[k]), 0.0)
+    s.peaks["wrinkling_use"] = Peak(float(used[k]), float(s.points.columns.radii[k]), 0.0)
     return float(used[k])
 
 

@@ -9,9 +9,11 @@ import matplotlib.pyplot as plt
 
 from dealib.config.source import did_you_mean
 from dealib.errors import ConfigError
+from dealib.plots import limits
 from dealib.plots.labels import kind, label, split
 from dealib.plots.style import DASHES
 from dealib.results.reader import Run
+from dealib.results.summary import MARGINS
 
 
 def overview(runs: Sequence[Run]) -> Any:
@@ -36,6 +38,16 @@ def overview(runs: Sequence[Run]) -> Any:
         voltage.plot(h["time_s"], h["voltage_kV"], **dash)
         capacitance.plot(h["displacement_mm"], h["capacitance_pF"], **style)
         field.plot(h["voltage_kV"], h["field_max_MV_per_m"], **style)
+        marked = [
+            limits.mark(axis, run, x, y)
+            for axis, x, y in (
+                (force, "displacement_mm", "force_N"),
+                (capacitance, "displacement_mm", "capacitance_pF"),
+                (field, "voltage_kV", "field_max_MV_per_m"),
+            )
+        ]
+        if marked[-1] is not None:
+            field.legend(marked[-1:], ["beyond a limit"])
     force.set(xlabel=label("displacement_mm"), ylabel=label("force_N"))
     time.set_ylabel(label("displacement_mm"))
     time.tick_params(labelbottom=False)
@@ -82,9 +94,12 @@ def curves(runs: Sequence[Run], x: str, ys: Sequence[str]) -> Any:
                     ms=4,
                     label=", ".join(several),
                 )
+                limits.mark(axis, run, x, column)
         unit = split(columns[0])[1]
         axis.set_ylabel(label(columns[0]) if len(columns) == 1 else kind(unit))
         _steady(axis)
+        if all(column in MARGINS for column in columns):
+            limits.limit(axis)
         if len(columns) > 1 or (len(runs) > 1 and axis is axes[0, 0]):
             axis.legend()
     axes[-1, 0].set_xlabel(label(x))

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from mpi4py import MPI
 
 from dealib.config.case import Case
 from dealib.config.program import Stage
+from dealib.config.stop import StopWhen
 from dealib.errors import ConfigError
 from dealib.fem.film import FilmPoints
 from dealib.fem.layout import Layout
@@ -23,10 +25,14 @@ from dealib.fem.system import Timings
 from dealib.program.bias import ReachWatch, second_film
 from dealib.program.increments import Increments, Place
 from dealib.program.inputs import Drive, law, milestones, mount_drives, terminal_drives
+from dealib.program.margins import keep
 from dealib.program.predictor import Predictor
 from dealib.program.progress import Progress
 from dealib.program.stability import StabilityWatch
+from dealib.program.work import Work
 from dealib.results.checkpoint import Checkpoint
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -46,6 +52,14 @@ class State:
     def nodal(self) -> Any:
         """Nodal values of the whole mesh on rank 0 (see `Layout`), None elsewhere (collective)."""
         return self.simulation.layout.gather()
+
+
+class _Measured(NamedTuple):
+    """A state before it is accepted."""
+
+    row: dict[str, Any]
+    snapshot: Snapshot
+    work: Work
 
 
 class Simulation:
@@ -82,6 +96,7 @@ class Simulation:
         self.newton = Newton(self.problem, self.timings)
         self.steps_planned = _steps_planned(case.config.program)
         self.progress = Progress()
+        self._measured: _Measured | None = None
         self._predictor = Predictor(case.config.solver.predictor_order)
         self._watch = StabilityWatch(case.config.materials.film)
         self._reach = ReachWatch()
@@ -102,9 +117,11 @@ class Simulation:
         if self.progress.step < 0:
             yield self._prestrain(first)
         for index, stage in enumerate(others, start=1):
+            if self.progress.ended:
+                return
             if index > self.progress.stage:
                 self._begin(index, stage)
-            if index == self.progress.stage:
+            if index == self.progress.stage and not self.progress.over:
                 yield from self._run(stage)
 
     def _restore(self, saved: Checkpoint) -> None:
@@ -145,13 +162,14 @@ class Simulation:
         targets = [k / stage.steps for k in range(1, stage.steps + 1)]
         for _ in increments.run(targets, {1.0}, apply, lambda at: self._failure(stage, at)):
             pass
-        return self._state(stage.stage, 0.0, last=True)
+        return self._state(stage, 0.0, last=True)
 
     def _begin(self, index: int, stage: Stage) -> None:
         """Enter a stage: the ports keep their last values unless it drives them."""
         p = self.progress
         assert p.row is not None
-        p.drives = {port: tuple(d.held() for d in drives) for port, drives in p.drives.items()}
+        held = {k: tuple(d.held(p.place.now) for d in drives) for k, drives in p.drives.items()}
+        p.drives = held
         if stage.mount is not None:
             start = p.row["displacement_mm"], p.row["force_N"]
             sample = partial(second_film, self.case.config, self.comm)
@@ -161,6 +179,7 @@ class Simulation:
                 stage.terminal, p.row["voltage_kV"], p.row["charge_uC"]
             )
         p.stage, p.stage_start, p.place = index, p.time, Place()
+        p.over = False
 
     def _run(self, stage: Stage) -> Iterator[State]:
         """The rest of the stage that the progress is in."""
@@ -172,22 +191,57 @@ class Simulation:
                 self.newton.system.ports[port] = law(drives, at)
             return tuple(x for d in self._drives() for x in (d.label, d.at(at)))
 
+        def time(at: float) -> float:
+            return p.stage_start + at * stage.duration
+
+        def too_far(at: float, step: float) -> bool:
+            """Whether a condition is met on a step that can still be halved."""
+            self._measured = self._measure(stage, time(at))
+            met = self._met(stage, self._measured.row)
+            halve = met is not None and step > 0.5**met.bisect / stage.steps * (1 + 1e-9)
+            if halve:
+                self._measured = None
+            return halve
+
         apply(p.place.now)
         increments = Increments(self.newton, self.case.config.solver, self._predictor, p.place)
-        for at in increments.run(targets, corners, apply, lambda at: self._failure(stage, at)):
-            time = p.stage_start + at * stage.duration
-            yield self._state(stage.stage, time, last=at == targets[-1])
+        explain = partial(self._failure, stage)
+        for at in increments.run(targets, corners, apply, explain, too_far):
+            yield self._state(stage, time(at), last=at == targets[-1])
+            if p.over:
+                return
 
-    def _state(self, stage: str, at: float, last: bool) -> State:
+    # --- states ----------------------------------------------------------------------------------
+
+    def _measure(self, stage: Stage, at: float) -> _Measured:
+        """The present state as the next row of the history."""
         p = self.progress
-        row: dict[str, Any] = {"step": p.step + 1, "time_s": at, "stage": stage}
-        snapshot = Snapshot(self.newton, self._film)
+        row: dict[str, Any] = {"step": p.step + 1, "time_s": at, "stage": stage.stage}
+        snapshot, work = Snapshot(self.newton, self._film), replace(p.work)
         row |= measure(snapshot)
-        row |= p.work.add(p.row, row)
-        p.step, p.time, p.row = p.step + 1, at, row
+        row |= work.add(p.row, row)
+        return _Measured(row, snapshot, work)
+
+    def _met(self, stage: Stage, row: dict[str, Any]) -> StopWhen | None:
+        """The condition that a state meets, if there is one."""
+        conditions = (*self.case.config.stop_when, *stage.stop_when)
+        return next((c for c in conditions if c.met(row)), None)
+
+    def _state(self, stage: Stage, at: float, last: bool) -> State:
+        """Accept the present state."""
+        p = self.progress
+        row, snapshot, p.work = self._measured or self._measure(stage, at)
+        met = self._met(stage, row)
+        p.step, p.time, p.row, self._measured = p.step + 1, at, row, None
+        keep(p.worst, snapshot.peaks, row)
         self._watch.see(row, lambda: film_stretches(snapshot))
         self._reach.see(row, self.newton.system.ports["mount"])
-        return State(row, last, self)
+        if met is not None:
+            p.over, ends = True, "run" if met in self.case.config.stop_when else "stage"
+            found = {key: row[key] for key in ("step", "time_s", "stage")}
+            p.stops.append({**found, "when": met.when, "ends": ends})
+            log.info("%s ends the %s at step %d", met.when, ends, row["step"])
+        return State(row, last or met is not None, self)
 
     def _drives(self) -> list[Drive]:
         return [drive for drives in self.progress.drives.values() for drive in drives]

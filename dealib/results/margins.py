@@ -1,28 +1,22 @@
-"""How near a film is to its limits, as utilisations: 0 is far away, 1 is the limit, above is beyond.
+"""How near a film is to its limits, as utilisations: 1 is the limit, and above it is beyond.
 
 In the plane of the film, direction 1 is that of its meridian, F e_R, and 2 is the hoop.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from dealib.config.schema import Config
 from dealib.materials.laws import Law
 from dealib.materials.response import MODES, curvature, stability_limit, stiffness
 from dealib.results import local
 from dealib.results.elements import Array
-
-# column -> what is used up
-MARGINS = {
-    "breakdown_use": "Breakdown: largest true field over the strength left by the electrodes",
-    "wrinkling_use": "Wrinkling: share of the mounted tension that is lost (thickness average)",
-    "pull_in_use": "Pull-in: field over the one at which the film itself loses stability",
-    "stability_use": "Material stability: share of the law's stiffness at rest that is lost",
-    "stretch_use": "Stretch: largest stretch over the one allowed",
-}
+from dealib.results.mesh import ResultMesh
 
 
 @dataclass(frozen=True)
@@ -59,10 +53,15 @@ class Film:
         assert self.material.law is not None
         return self.material.law
 
+    @property
+    def prestretch(self) -> Array:
+        """Its stretches (radial, thickness, hoop) in the mesh."""
+        assert self.material.prestretch is not None
+        return self.material.prestretch
+
     def stretches(self, F: Array) -> tuple[Array, Array]:
         """Stretches in the plane since the unstretched state, at deformations from the mesh."""
-        p = self.material.prestretch
-        assert p is not None
+        p = self.prestretch
         return np.hypot(F[..., 0, 0], F[..., 1, 0]) * p[0], F[..., 2, 2] * p[2]
 
     def tensions(self, k: local.Kinematics, pressure: Array | None = None) -> Array:
@@ -128,3 +127,107 @@ def meridional_stretch(F: Array) -> Array:
 def principal_stretch(F: Array) -> Array:
     """Largest principal stretch, shape F.shape[:-2]."""
     return np.maximum(meridional_stretch(F), F[..., 2, 2])
+
+
+# --- columns through the thickness ---------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Points of film cells, in columns through the thickness.
+
+    Attributes:
+        radii: Middle of each column, (columns,), mm.
+        column: Column of each point, (cells, points).
+        area: Meridian area of each point in the mesh, (cells, points), mm^2.
+    """
+
+    radii: Array
+    column: npt.NDArray[np.int64]
+    area: Array
+
+    @classmethod
+    def of(cls, edges: Array, corners: Array, position: Array) -> Columns:
+        """Sort points into columns.
+
+        Args:
+            edges: Radii that bound the columns (see `face`), ascending.
+            corners: Corners of the cells (cells, corners, 2).
+            position: The points (cells, points, 2).
+        """
+        column = np.searchsorted(edges, position[..., 0]) - 1
+        x, y = corners[..., 0], corners[..., 1]
+        area = np.abs((x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)) / 2
+        return cls(
+            (edges[1:] + edges[:-1]) / 2,
+            np.clip(column, 0, len(edges) - 2),
+            np.broadcast_to(area[:, None] / position.shape[1], position.shape[:2]),
+        )
+
+    def average(
+        self, values: Array, k: local.Kinematics, total: Callable[[Array], Array] = np.asarray
+    ) -> Array:
+        """Averages over the deformed thickness.
+
+        Args:
+            values: Values at the points, (cells, points, components).
+            k: Deformation.
+            total: Adds up what each rank has.
+
+        Returns:
+            Shape (columns, components).
+        """
+        weights = self.area * k.J / k.F[..., 2, 2]
+        parts = [weights, *np.moveaxis(values * weights[..., None], -1, 0)]
+        count, column = len(self.radii), self.column.ravel()
+        sums = total(np.stack([np.bincount(column, p.ravel(), minlength=count) for p in parts]))
+        with np.errstate(invalid="ignore"):  # columns without points
+            return np.asarray((sums[1:] / sums[0]).T)
+
+
+def face(corners: Array, top: float) -> Array:
+    """Radii of the corners at a height, ascending."""
+    found = np.sort(corners[np.abs(corners[..., 1] - top) < 1e-6 * abs(top)][:, 0])
+    return np.asarray(found[np.diff(found, prepend=-1.0) > 1e-9 * found.max(initial=1.0)])
+
+
+# --- fields --------------------------------------------------------------------------------------
+
+
+def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
+    """Nodal margins of the film, 0 elsewhere: those of the history, pointwise.
+
+    `wrinkling_use` is constant through the thickness, as its stress is; `tension`, the smallest
+    in-plane true stress (MPa), is that of each point.
+
+    Args:
+        config: The config of the run.
+        mesh: Mesh of the results.
+        state: Nodal values, (nodes, 3 or 4).
+    """
+    film, cells = Film.of(config), mesh.in_region("film")
+    points = local.Points.of(mesh.cell, mesh.corners[cells], mesh.cell.gauss)
+    nodal = state[mesh.cells[cells]]
+    k = points.kinematics(nodal[..., :2], nodal[..., 2])
+    pressure = nodal[..., 3] @ points.N.T if state.shape[1] > 3 else None
+    tensions = film.tensions(k, pressure)
+    edges = face(mesh.corners[cells], float(mesh.corners[cells][..., 1].max()))
+    columns = Columns.of(edges, mesh.corners[cells], points.position)
+    wrinkling = film.wrinkling(columns.average(tensions, k))
+    found = {
+        "tension": tensions.min(axis=-1),
+        "wrinkling_use": wrinkling[columns.column],
+        "pull_in_use": np.minimum(film.pull_in(k), 2.0),  # bounded, to be drawn
+    }
+    if film.softens:
+        found["stability_use"] = film.softening(k.F)
+    if config.limits.breakdown is not None:
+        found["breakdown_use"] = np.linalg.norm(k.e, axis=-1) / config.limits.breakdown
+    if config.limits.stretch_max is not None:
+        stretch = principal_stretch(k.F * film.prestretch)
+        found["stretch_use"] = stretch / config.limits.stretch_max
+    out = {}
+    for name, values in found.items():
+        out[name] = np.zeros(len(mesh.points))
+        mesh.average(values @ mesh.cell.from_gauss.T, cells, out[name])
+    return out

@@ -107,10 +107,16 @@ class Run:
             return np.asarray(file[f"states/{step:05d}"][:], dtype=np.float64)
 
     def arrays(self, index: int = -1) -> dict[str, Array]:
-        """All nodal fields of the index-th stored step (see `dealib.results.fields`)."""
+        """All nodal fields of the index-th stored step.
+
+        Those of `dealib.results.fields`, and the film's margins (see `dealib.results.margins`).
+        """
+        from dealib.results import margins
         from dealib.results.fields import fields
 
-        return fields(self.config, self.mesh, self.state(index))
+        state = self.state(index)
+        found = fields(self.config, self.mesh, state)
+        return found | margins.fields(self.config, self.mesh, state)
 
     def fields(self, index: int = -1) -> pyvista.UnstructuredGrid:
         """A pyvista grid of the index-th stored step, with all fields; points undeformed."""
