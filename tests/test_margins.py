@@ -116,6 +116,18 @@ def test_softening_is_whole_at_the_stability_limit():
     assert float(soft.softening(np.eye(3))) == pytest.approx(0, abs=1e-6)
 
 
+def test_a_law_that_locks():
+    gent = "law: gent, youngs_modulus: 1 MPa, j_lim: 8, relative_permittivity: 3, prestretch: 1.5"
+    found = film(materials__film=f"{{{gent}}}")
+    l = 2.0
+    assert float(found.extension(homogeneous(l / 1.5, l / 1.5, 0).F)) == (
+        pytest.approx((2 * l**2 + l**-4 - 3) / 8)
+    )
+    row = rows(small(materials__film=f"{{{gent}}}", program="[{stage: rest}]"))[0]
+    assert row["locking_use"] == pytest.approx((2 * 1.5**2 + 1.5**-4 - 3) / 8)
+    assert "locking_use" not in history("margins")
+
+
 def test_tension_of_a_flat_film_under_voltage():
     """Clamped and flat it cannot move: tension G (l^2 - l^-4) - eps e^2, lost at use 1."""
     G, l, H = 1.0, 1.1, 0.05
@@ -180,7 +192,7 @@ def test_limits_are_columns_only_where_they_are_set():
     assert h["stretch_use"].to_numpy() == pytest.approx(h["stretch_max"] / 2)
     assert not {"breakdown_use", "stretch_use", "stability_use"} & set(history("benchmark_strip"))
     assert set(h.columns) - {"stage"} <= set(COLUMNS)
-    assert set(COLUMNS) - set(h.columns) == {"stability_use"}  # neo-Hooke does not soften
+    assert set(COLUMNS) - set(h.columns) == {"locking_use", "stability_use"}  # neo-Hooke
 
 
 def test_a_stage_ends_at_the_crossing_and_the_next_begins_there():

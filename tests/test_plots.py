@@ -234,7 +234,7 @@ def test_contours_show_whole_and_both_ends(shape):
 
 
 def test_every_field_of_the_help_can_be_drawn(shape):
-    without_limits = {"breakdown_use", "stability_use", "stretch_use"}
+    without_limits = {"breakdown_use", "locking_use", "stability_use", "stretch_use"}
     for what in QUANTITIES.values():
         if what.name in without_limits:
             with pytest.raises(ConfigError, match="its config sets no limit"):

@@ -22,6 +22,7 @@ COLUMNS = {
     "pull_in_use": "",
     "stability_use": "",
     "stretch_use": "",
+    "locking_use": "",
     "mount_work_mJ": "mJ",
     "terminal_work_mJ": "mJ",
     "energy_residual_mJ": "mJ",

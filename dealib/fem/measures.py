@@ -201,6 +201,12 @@ def stretch_use(s: Snapshot) -> float | None:
     return None if allowed is None else s.peak("stretch_use", s.principal_stretch / allowed)
 
 
+def locking_use(s: Snapshot) -> float | None:
+    """Share of its extensibility that a law which locks has used (see `Law.extension`)."""
+    film = s.points.film
+    return s.peak("locking_use", film.extension(s.film.F)) if film.law.locks else None
+
+
 def newton_iterations(s: Snapshot) -> int:
     """Iterations of this step."""
     return s.newton.iterations
@@ -231,6 +237,7 @@ QUANTITIES: dict[str, Callable[[Snapshot], float | None]] = {
         pull_in_use,
         stability_use,
         stretch_use,
+        locking_use,
     )
 }
 

@@ -24,6 +24,7 @@ _NAMES = {
     "pull_in_use": "Pull-in: use",
     "stability_use": "Material stability: use",
     "stretch_use": "Stretch: use",
+    "locking_use": "Locking: use",
 }
 
 _KINDS = {

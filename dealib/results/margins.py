@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dealib.config.schema import Config
-from dealib.materials.laws import Law
+from dealib.materials.laws import Law, invariants_of_stretches
 from dealib.materials.response import MODES, curvature, stability_limit, stiffness
 from dealib.results import local
 from dealib.results.elements import Array
@@ -116,6 +116,12 @@ class Film:
         left = stiffness(self.law, *self.stretches(F)) / self.stiffness
         return np.asarray(np.maximum(1 - left, 0.0))
 
+    def extension(self, F: Array) -> Array:
+        """Share of the law's extensibility that is used, of a law that locks."""
+        l1, l2 = self.stretches(F)
+        i = invariants_of_stretches(l1, l2, 1 / (l1 * l2))
+        return np.asarray(self.law.extension(i, self.law.values))
+
 
 def meridional_stretch(F: Array) -> Array:
     """Larger principal stretch in the R-Z plane, shape F.shape[:-2]."""
@@ -180,7 +186,8 @@ class Columns:
         weights = self.area * k.J / k.F[..., 2, 2]
         parts = [weights, *np.moveaxis(values * weights[..., None], -1, 0)]
         count, column = len(self.radii), self.column.ravel()
-        sums = total(np.stack([np.bincount(column, p.ravel(), minlength=count) for p in parts]))
+        sums = np.stack([np.bincount(column, p.ravel(), minlength=count) for p in parts])
+        sums = total(sums.astype(float))  # without points the counts are integers
         with np.errstate(invalid="ignore"):  # columns without points
             return np.asarray((sums[1:] / sums[0]).T)
 
@@ -221,6 +228,8 @@ def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
     }
     if film.softens:
         found["stability_use"] = film.softening(k.F)
+    if film.law.locks:
+        found["locking_use"] = film.extension(k.F)
     if config.limits.breakdown is not None:
         found["breakdown_use"] = np.linalg.norm(k.e, axis=-1) / config.limits.breakdown
     if config.limits.stretch_max is not None:

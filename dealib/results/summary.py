@@ -54,6 +54,7 @@ MARGINS = {
     "pull_in_use": ("pull-in", "field over the one at which the film itself loses stability"),
     "stability_use": ("material stability", "lost share of the law's stiffness at rest"),
     "stretch_use": ("stretch", "largest stretch over the one allowed"),
+    "locking_use": ("locking", "share of the law's extensibility"),
 }
 
 
