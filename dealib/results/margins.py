@@ -186,8 +186,8 @@ class Columns:
         weights = self.area * k.J / k.F[..., 2, 2]
         parts = [weights, *np.moveaxis(values * weights[..., None], -1, 0)]
         count, column = len(self.radii), self.column.ravel()
-        sums = np.stack([np.bincount(column, p.ravel(), minlength=count) for p in parts])
-        sums = total(sums.astype(float))  # without points the counts are integers
+        mine = np.stack([np.bincount(column, p.ravel(), minlength=count) for p in parts])
+        sums = total(mine.astype(float))  # without points they are integers
         with np.errstate(invalid="ignore"):  # columns without points
             return np.asarray((sums[1:] / sums[0]).T)
 
