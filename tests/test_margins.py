@@ -72,18 +72,23 @@ def test_pull_in_of_a_free_block(given, second, peak):
     assert use(1.0) == 0
 
 
-def test_pull_in_of_unequal_stretches_is_where_the_hessian_is_singular():
+@pytest.mark.parametrize("slope", [0.0, -0.8, 0.5])
+def test_pull_in_of_unequal_stretches_is_where_the_hessian_is_singular(slope):
     """W(l1, l2, D) of Zhao and Suo: its Hessian by finite differences, D at the critical field."""
-    found, (l1, l2) = film(**MOONEY), (1.5, 1.1)
+    given = MOONEY["materials__film"].replace("3.0}", f"{{intercept: 3, slope: {slope}}}}}")
+    found, (l1, l2) = film(materials__film=given), (1.5, 1.1)
     use = float(found.pull_in(homogeneous(l1, l2, 50.0)))
-    true, eps, h = 50.0 / use, 3 * EPSILON_0, 1e-4
+    true, h = 50.0 / use, 1e-4
+
+    def eps(a, b):
+        return (3 + slope * np.sqrt(a * b)) * EPSILON_0
 
     def W(x):
         a, b, D = x[0], x[1], x[2]  # D is nominal
         i1, i2 = a**2 + b**2 + (a * b) ** -2, a**-2 + b**-2 + (a * b) ** 2
-        return 0.4 * (i1 - 3) + 0.1 * (i2 - 3) + D**2 / (2 * eps * (a * b) ** 2)
+        return 0.4 * (i1 - 3) + 0.1 * (i2 - 3) + D**2 / (2 * eps(a, b) * (a * b) ** 2)
 
-    x0 = np.array([l1, l2, eps * true * l1 * l2])
+    x0 = np.array([l1, l2, eps(l1, l2) * true * l1 * l2])
     steps = h * np.diag([1, 1, x0[2]])
     hessian = np.array(
         [

@@ -145,12 +145,14 @@ def _section(node: Node, path: str, defs: Node, seen: set[str]) -> Iterator[str]
         default = f"`{value['default']}`" if value.get("default", "") != "" else required
         items = _sections(value.get("items", {}))
         inner = items if "$ref" in items else value
-        if "$ref" in inner or "discriminator" in inner:
-            below.append((f"{path}.{key}".lstrip(".") + ("[]" if inner is items else ""), inner))
-        for choice in value.get("anyOf", []):
+        where = f"{path}.{key}".lstrip(".") + ("[]" if inner is items else "")
+        if "discriminator" in inner:
+            below.append((where, inner))
+        for choice in (inner, *value.get("anyOf", [])):
             if choice.get("$ref", "") not in seen | {""}:  # told once, whatever the law
                 seen.add(choice["$ref"])
-                below.append((f"{path.split('`')[0]}.{key}", choice))
+                plain = f"{path.split('`')[0]}.{key}"
+                below.append((where if choice is inner else plain, choice))
         means = meaning(value) or resolve(inner, defs).get("description", "")
         what = "list of sections" if inner is items and inner else kind(value)
         yield f"| `{key}` | {what} | {default} | {means} |".replace("  ", " ")
@@ -163,6 +165,5 @@ def _section(node: Node, path: str, defs: Node, seen: set[str]) -> Iterator[str]
             keys = "`, `".join(tagged)
             yield from ("", f"## `{name}`", "", f"Laws and their parameters as above: `{keys}`.")
         seen.update(tagged)
-        if not tagged and inner["$ref"] not in seen:
-            seen.add(inner["$ref"])
+        if not tagged:
             yield from _section(resolve(inner, defs), name, defs, seen)

@@ -73,7 +73,9 @@ class Film:
         """
         m = self.material
         S = local.second_pk(self.law, k.F, m.prestretch, pressure)
-        total = local.cauchy(k.F, S) + local.maxwell(m.permittivity, k.e)
+        total = local.cauchy(k.F, S) + local.maxwell(m.permittivity_at(k.F), k.e)
+        if m.slope:
+            total += local.electrostriction(m.slope, m.area_stretch(k.F), k.F, k.e)
         t = k.F[..., :, 0] / np.linalg.norm(k.F[..., :, 0], axis=-1)[..., None]
         first = np.einsum("...i,...ij,...j", t, total, t)
         return np.stack([first, total[..., 2, 2]], axis=-1)
@@ -96,20 +98,26 @@ class Film:
         displacement must be convex for the film to be stable under dead loads and a voltage
         (X. Zhao and Z. Suo, Appl. Phys. Lett. 91 (2007) 061921). At a given voltage that is
 
-            A - eps e.e [[1, 2], [2, 1]] positive definite,  A_ij = l_i l_j d2W / dl_i dl_j.
+            A - eps e.e [[1, 2], [2, 1]] positive definite,  A_ij = l_i l_j d2W / dl_i dl_j,
 
+        and with eps = a + b sqrt(l1 l2) the same with the second derivatives of eps (l1 l2)^2 / 2.
         Infinite where A itself is not: under dead loads that film fails without a field. A film
         whose edges are held is more stable than that, so that the margin is on the safe side.
         """
         gradient, hessian = curvature(self.law, *self.stretches(k.F))
         a, c = hessian[0] - gradient[0], hessian[1] - gradient[1]
         b = hessian[2]
-        d, m = a * c - b * b, a + c - 4 * b
+        rising = self.material.slope * self.material.area_stretch(k.F)
+        own, cross = (
+            n * self.material.permittivity + f * rising for n, f in ((1, 1.875), (2, 3.125))
+        )
+        det, m = a * c - b * b, own * (a + c) - 2 * cross * b
         with np.errstate(all="ignore"):
-            critical = 2 * d / (m + np.sqrt(m * m + 12 * d))  # of 3 q^2 + m q - d = 0
-            stable = (d > 0) & (a + c > 0)
-            load = self.material.permittivity * np.einsum("...i,...i", k.e, k.e)
-            return np.where(stable, np.sqrt(load / np.where(stable, critical, 1.0)), np.inf)
+            # the smaller root of (cross^2 - own^2) q^2 + m q - det = 0, q = e.e
+            root = np.sqrt(m * m + 4 * (cross**2 - own**2) * det)
+            used = np.einsum("...i,...i", k.e, k.e) * (m + root) / (2 * det)
+            used = np.where(used > 0, np.sqrt(used), 0.0)  # no positive root: never lost
+        return np.where((det > 0) & (a + c > 0), used, np.inf)
 
     def softening(self, F: Array) -> Array:
         """Share of the law's stiffness at rest that is lost (see `response.stiffness`)."""
