@@ -18,6 +18,7 @@ CONFIG_NAMES = {
     "deap75",
     "elastosil",
     "hysteresis",
+    "margins",  # in test_margins.py
     "membrane",
     "own_mesh",
     "pull_in",

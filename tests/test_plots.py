@@ -13,12 +13,13 @@ from typer.testing import CliRunner
 
 import dealib
 from dealib.cli.app import app
-from dealib.errors import DealibError, PlatformError
+from dealib.errors import ConfigError, DealibError, PlatformError
 from dealib.geometry import names
 from dealib.plots import revolved, style
 from dealib.plots.contours import contours, magnification, scale
 from dealib.plots.curves import curves, overview
 from dealib.plots.labels import label
+from dealib.plots.limits import BEYOND
 from dealib.plots.profiles import lines, surface_charge
 from dealib.plots.quantities import QUANTITIES, SURFACE_CHARGE, quantity
 from dealib.plots.shape import Shape, reference_grid, typical_step
@@ -61,9 +62,12 @@ def test_curves_show_the_history(strip_run):
         figure = curves([strip_run, strip_run], "displacement_mm", ["force_N", "voltage_kV"])
         force, voltage = figure.axes
         assert (force.get_ylabel(), voltage.get_xlabel()) == ("Force (N)", "Displacement (mm)")
-        assert len(force.lines) == 2
-        assert force.lines[1].get_xdata()[12] == pytest.approx(-3)
-        assert force.lines[1].get_ydata()[-1] == pytest.approx(-0.81331, rel=1e-4)
+        red = [line for line in force.lines if line.get_color() == BEYOND]  # tension is lost
+        lines = [line for line in force.lines if line not in red]
+        assert len(lines) == len(red) == 2
+        assert lines[1].get_xdata()[12] == pytest.approx(-3)
+        assert lines[1].get_ydata()[-1] == pytest.approx(-0.81331, rel=1e-4)
+        assert np.isnan(red[1].get_ydata()[:13]).all()
 
 
 def test_overview_is_two_by_two_with_inputs_in_time(strip_run):
@@ -209,6 +213,8 @@ def test_colour_scales_leave_singular_points_out(shape):
     both = np.where(shape.strips.points[:, 0] > 10, 1.0, -2.0)
     norm, cmap, _ = scale(shape, both, style.LIGHT)
     assert (norm.vmin, norm.vcenter, norm.vmax, cmap) == (-2, 0, 2, "RdBu_r")
+    norm, cmap, extend = scale(shape, both, style.LIGHT, quantity("pull_in_use"))
+    assert (norm.vmin, norm.vcenter, norm.vmax, extend) == (0, 1, 2, "min")  # 1 is the limit
 
 
 def test_contours_show_whole_and_both_ends(shape):
@@ -228,7 +234,12 @@ def test_contours_show_whole_and_both_ends(shape):
 
 
 def test_every_field_of_the_help_can_be_drawn(shape):
+    without_limits = {"breakdown_use", "locking_use", "stability_use", "stretch_use"}
     for what in QUANTITIES.values():
+        if what.name in without_limits:
+            with pytest.raises(ConfigError, match="its config sets no limit"):
+                what.of(shape.arrays)
+            continue
         values = what.of(shape.arrays)
         assert values.shape == (len(shape.mesh.points),)
         assert np.isfinite(values).all()

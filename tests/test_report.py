@@ -69,7 +69,7 @@ def test_the_page_tells_what_was_solved(page):
 def test_the_page_is_self_contained(page):
     text = page.read_text(encoding="utf-8")
     sources = re.findall(r'(?:src|srcset|href)="([^"]{0,30})', text)
-    assert len([s for s in sources if s.startswith("data:image/")]) == 2 * 8
+    assert len([s for s in sources if s.startswith("data:image/")]) == 2 * 9
     assert all(s.startswith(("data:", "#")) for s in sources)
     assert "@import" not in css()
     assert page.stat().st_size < 5e6
@@ -128,7 +128,7 @@ def browse(page, folder, *options):
 def test_a_browser_shows_the_page(page, tmp_path):
     found = browse(page, tmp_path / "a", "--dump-dom")
     assert "CONSOLE" not in found.stderr
-    assert found.stdout.count("<figure") == 9
+    assert found.stdout.count("<figure") == 10
     for dark, paper in ((False, 1.0), (True, 0.09)):
         shot = tmp_path / f"{dark}.png"
         options = [f"--screenshot={shot}", "--window-size=1180,6800"]

@@ -6,7 +6,7 @@ import shlex
 
 from dealib.errors import ConfigError
 from dealib.results.reader import Run
-from dealib.results.summary import actuations, critical_points
+from dealib.results.summary import actuations, critical_points, margins
 
 
 def summary(run: Run) -> str:
@@ -35,6 +35,11 @@ def summary(run: Run) -> str:
         ("peak field", f"{e.max():.4g} MV/m"),
         ("steps", f"{len(h) - 1}, {int(h['newton_iterations'].sum())} Newton iterations"),
     ]
+    beyond = [m for m in margins(run) if not m.ok]
+    for m in beyond:
+        rows.append((f"beyond: {m.name}", f"{m.used} used (1 is the limit), {m.when}"))
+    for stop in info.get("stops", ()):
+        rows.append((f"{stop['ends']} ended by", f"{stop['when']} at step {stop['step']}"))
     if "timings" in info:
         t = info["timings"]
         rows.append(("time", f"{t['total']:.2f} s, of which {t.get('solve', 0):.2f} s solving"))
@@ -64,6 +69,13 @@ def describe(run: Run) -> str:
         lines += ["", summary(run)]
     except ConfigError as error:
         lines.append(str(error))
+    found = margins(run)
+    if found:
+        lines += ["", "margins (1 is the limit)"]
+        lines += [
+            f"  {m.name:<19} {m.used:>7} {'ok' if m.ok else 'BEYOND':<7} {m.where:<34} {m.when}"
+            for m in found
+        ]
     lines += ["", "started   " + info["started"], "command   " + " ".join(info["argv"])]
     lines.append("versions  " + ", ".join(f"{k} {v}" for k, v in info["versions"].items()))
     if "timings" in info:

@@ -179,6 +179,7 @@ def second_device(config: Any, film: SecondFilm) -> Any:
     tree["program"] = [
         {"stage": "push", "mount": {"displacement": f"{-far!r} mm"}, "steps": 24},
     ]
+    tree.pop("stop_when", None)
     if config.mesh.file is None:
         tree["geometry"]["air_height"] = "0 mm"
         tree["geometry"].pop("clamps", None)

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from dealib.config.bias import BiasElement, Forces, Lengths, Masses, Spring
 from dealib.config.follow import Follow
 from dealib.config.section import OneOf, Section
+from dealib.config.stop import Condition
 from dealib.errors import ValueAt
 from dealib.units import Charge, Time, Voltage, list_of
 
@@ -69,6 +70,9 @@ class Stage(Section):
     cycles: int = Field(1, ge=1, description="repetitions")
     mount: MountInput | None = Field(None, description="unchanged if not given")
     terminal: TerminalInput | None = Field(None, description="unchanged if not given")
+    stop_when: tuple[Condition, ...] = Field(
+        (), description="ends the stage at a state that meets one"
+    )
 
     follow: Follow | None = Field(
         None, description="follow the branch of equilibria instead, past limit points"

@@ -130,6 +130,11 @@ def _library() -> Iterator[str]:
         yield f"| `{name}` | {entry.description} | {entry.words} | {entry.source} |"
 
 
+def _sections(items: Node) -> Node:
+    """What a list holds, where short forms stand for sections: the sections."""
+    return next((choice for choice in items.get("anyOf", []) if "$ref" in choice), items)
+
+
 def _section(node: Node, path: str, defs: Node, seen: set[str], law: str = "") -> Iterator[str]:
     heading = f"## `{path}`" if path else "## Top level"
     yield from ("", heading + (f" with law `{law}`" if law else ""), "")
@@ -139,13 +144,13 @@ def _section(node: Node, path: str, defs: Node, seen: set[str], law: str = "") -
     for key, value in node["properties"].items():
         required = "*needed*" if key in node.get("required", ()) else ""
         default = f"`{value['default']}`" if value.get("default", "") != "" else required
-        items = value.get("items", {})
+        items = _sections(value.get("items", {}))
         inner = items if "$ref" in items else value
         if "$ref" in inner or "discriminator" in inner:
             below.append((f"{path}.{key}".lstrip(".") + ("[]" if inner is items else ""), inner))
         for choice in value.get("anyOf", []):
             if "$ref" in choice:
-                below.append((f"{path}.{key}", choice))
+                below.append((f"{path}.{key}".lstrip("."), choice))
         means = meaning(value) or resolve(inner, defs).get("description", "")
         what = "list of sections" if inner is items and inner else kind(value)
         yield f"| `{key}` | {what} | {default} | {means} |".replace("  ", " ")

@@ -19,12 +19,13 @@ from dealib.config.follow import check_branches
 from dealib.config.program import Stage
 from dealib.config.section import Section
 from dealib.config.source import did_you_mean
+from dealib.config.stop import Condition
 from dealib.errors import ValueAt
 from dealib.materials.branches import Viscoelastic
 from dealib.materials.laws import LAWS, Law, invariants_of_stretches
 from dealib.materials.library import library
 from dealib.materials.permittivity import RelativePermittivity, StretchPermittivity
-from dealib.units import Length, Stress
+from dealib.units import ElectricField, Length, Stress
 
 
 def _plain_name(name: str) -> str:
@@ -292,6 +293,32 @@ class Solver(Section):
     )
 
 
+class Limits(Section):
+    """What the film bears; the history then says how much of it is used, 1 being the limit."""
+
+    breakdown_strength: ElectricField | None = Field(
+        None, gt=0, description="of the film's material; default none"
+    )
+    electrode_knockdown: float = Field(
+        1.0, gt=0, le=1, description="share of the strength that is left between real electrodes"
+    )
+    stretch_max: float | None = Field(
+        None, gt=1, description="largest principal stretch of the film, from its unstretched state"
+    )
+
+    @property
+    def breakdown(self) -> float | None:
+        """Field that the film bears between its electrodes, MV/m."""
+        strength = self.breakdown_strength
+        return None if strength is None else strength * self.electrode_knockdown
+
+    @model_validator(mode="after")
+    def _knocks_down(self) -> Limits:
+        if self.breakdown_strength is None and self.electrode_knockdown != 1:
+            raise ValueAt(("electrode_knockdown",), "needs breakdown_strength, which it reduces")
+        return self
+
+
 # --- the whole -----------------------------------------------------------------------------------
 
 
@@ -313,8 +340,12 @@ class Config(Section):
     mesh: Mesh = Mesh()
     materials: Materials
     physics: Physics = Physics()
+    limits: Limits = Limits()
     solver: Solver = Solver()
     program: tuple[Stage, ...] = Field(min_length=1)
+    stop_when: tuple[Condition, ...] = Field(
+        (), description="ends the run at a state that meets one"
+    )
     output: Output = Output()
 
     @property
@@ -336,12 +367,27 @@ class Config(Section):
         for port in ("mount", "terminal"):
             if first.stage == "prestrain" and getattr(first, port) is not None:
                 raise ValueAt(("program", 0, port), "a prestrain stage takes no input")
+        if first.stage == "prestrain" and first.stop_when:
+            raise ValueAt(("program", 0, "stop_when"), "a prestrain stage always comes to its end")
+        self._watched_columns_exist()
         if self.physics.formulation == "mixed" and self.mesh.order != 2:
             raise ValueAt(("mesh", "order"), "physics.formulation: mixed needs order 2")
         self._air_above_stroke()
         check_branches(self.program, self.physics.coupling, self.materials)
         check_second_films(self)
         return self
+
+    def _watched_columns_exist(self) -> None:
+        """A condition on a limit needs the limit."""
+        needs = {"breakdown_use": "breakdown_strength", "stretch_use": "stretch_max"}
+        parts: list[tuple[tuple[str | int, ...], Config | Stage]] = [((), self)]
+        parts += [(("program", i), stage) for i, stage in enumerate(self.program)]
+        for where, part in parts:
+            for k, condition in enumerate(part.stop_when):
+                key = needs.get(condition.column)
+                if key is not None and getattr(self.limits, key) is None:
+                    missing = f"{condition.column} needs limits.{key}"
+                    raise ValueAt((*where, "stop_when", k), missing)
 
     def _air_above_stroke(self) -> None:
         """The air must stay higher than a prescribed displacement of what it covers."""

@@ -6,7 +6,7 @@ To add a column to the history, add a function here; its name is the column.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -14,21 +14,44 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dealib.fem.layout import Layout
+from dealib.fem.film import FilmPoints
 from dealib.fem.newton import Newton
 from dealib.fem.viscous import Viscosity
-from dealib.geometry import names
 from dealib.results import local
 from dealib.results.elements import inverse
+from dealib.results.margins import meridional_stretch, principal_stretch
+
+
+@dataclass(frozen=True)
+class Peak:
+    """The largest value of a quantity of the film, and where.
+
+    Attributes:
+        value: The value.
+        R: Radius in the mesh, mm.
+        Z: Height in the mesh, mm.
+    """
+
+    value: float
+    R: float
+    Z: float
 
 
 @dataclass
 class Snapshot:
-    """A converged state, for the functions below."""
+    """A converged state, for the functions below.
+
+    Attributes:
+        newton: The solver.
+        points: The film's Gauss points.
+        viscosity: State of the Maxwell branches, if there are some.
+        peaks: Where the margins are smallest, as far as they have been measured.
+    """
 
     newton: Newton
-    layout: Layout
+    points: FilmPoints
     viscosity: Viscosity | None = None
+    peaks: dict[str, Peak] = field(default_factory=dict)
 
     @cached_property
     def ports(self) -> dict[str, float]:
@@ -42,23 +65,56 @@ class Snapshot:
         return sign * self.newton.system.internal[port] + 0.0
 
     @cached_property
+    def nodal(self) -> Any:
+        """Nodal values of the film's cells on this rank."""
+        return self.points.nodal()
+
+    @cached_property
     def film(self) -> local.Kinematics:
         """Deformation and field of the film at the Gauss points of this rank's cells."""
-        device = self.newton.system.problem.device
-        cells = device.owned(device.cells(names.FILM))
-        nodal = self.layout.local()[cells]
-        cell, corners = self.layout.cell, self.layout.corners[cells]
-        return local.kinematics(cell, corners, cell.gauss, nodal[..., :2], nodal[..., 2])
+        return self.points.points.kinematics(self.nodal[..., :2], self.nodal[..., 2])
 
     @cached_property
     def film_total(self) -> Any:
         """Deformation gradient of the film since its unstretched state."""
-        return self.film.F @ np.diag(self.newton.system.problem.prestretch.value)
+        return self.film.F * self.newton.system.problem.prestretch.value
+
+    @cached_property
+    def tensions(self) -> Any:
+        """In-plane true stresses of the film, averaged through its thickness, (columns, 2)."""
+        mixed = self.nodal.shape[-1] > 3
+        pressure = self.nodal[..., 3] @ self.points.points.N.T if mixed else None
+        return self.points.tensions(self.film, pressure)
+
+    @cached_property
+    def principal_stretch(self) -> Any:
+        """Largest principal stretch at the points."""
+        return principal_stretch(self.film_total)
+
+    @property
+    def comm(self) -> Any:
+        """MPI communicator."""
+        return self.newton.system.map.comm
+
+    @property
+    def limits(self) -> Any:
+        """The config's limits."""
+        return self.newton.system.problem.config.limits
 
     def largest(self, values: Any) -> float:
         """Maximum over all ranks."""
         mine = float(values.max()) if values.size else -np.inf
-        return float(self.newton.system.map.comm.allreduce(mine, op=MPI.MAX))
+        return float(self.comm.allreduce(mine, op=MPI.MAX))
+
+    def peak(self, name: str, values: Any) -> float:
+        """Maximum over all ranks of values at the film's points, and remember where."""
+        mine = (-np.inf, 0.0, 0.0)
+        if values.size:
+            k = int(values.argmax())
+            R, Z = self.points.points.position.reshape(-1, 2)[k]
+            mine = (float(values.ravel()[k]), float(R), float(Z))
+        self.peaks[name] = Peak(*max(self.comm.allgather(mine)))
+        return self.peaks[name].value
 
 
 def displacement_mm(s: Snapshot) -> float:
@@ -111,6 +167,50 @@ def thickness_stretch_min(s: Snapshot) -> float:
     return float(1 / np.sqrt(s.largest(np.einsum("...i,...i", rows, rows))))
 
 
+def tension_min_MPa(s: Snapshot) -> float:
+    """Smallest in-plane principal true stress of the film, averaged through its thickness."""
+    return float(np.nanmin(s.tensions))
+
+
+def breakdown_use(s: Snapshot) -> float | None:
+    """Largest true field over the strength that the electrodes leave."""
+    strength = s.limits.breakdown
+    if strength is None:
+        return None
+    return s.peak("breakdown_use", np.linalg.norm(s.film.e, axis=-1) / strength)
+
+
+def wrinkling_use(s: Snapshot) -> float:
+    """Share of the mounted tension that is lost (see `Film.wrinkling`)."""
+    used = s.points.film.wrinkling(s.tensions)
+    k = int(np.nanargmax(used))
+    s.peaks["wrinkling_use"] = Peak(float(used[k]), float(s.points.columns.radii[k]), 0.0)
+    return float(used[k])
+
+
+def pull_in_use(s: Snapshot) -> float:
+    """Field over the one at which the film itself loses stability (see `Film.pull_in`)."""
+    return s.peak("pull_in_use", s.points.film.pull_in(s.film))
+
+
+def stability_use(s: Snapshot) -> float | None:
+    """Share of the law's stiffness that is lost (see `Film.softening`), of a law with a limit."""
+    film = s.points.film
+    return s.peak("stability_use", film.softening(s.film.F)) if film.softens else None
+
+
+def stretch_use(s: Snapshot) -> float | None:
+    """Largest principal stretch over the one allowed."""
+    allowed = s.limits.stretch_max
+    return None if allowed is None else s.peak("stretch_use", s.principal_stretch / allowed)
+
+
+def locking_use(s: Snapshot) -> float | None:
+    """Share of its extensibility that a law which locks has used (see `Law.extension`)."""
+    film = s.points.film
+    return s.peak("locking_use", film.extension(s.film.F)) if film.law.locks else None
+
+
 def newton_iterations(s: Snapshot) -> int:
     """Iterations of this step."""
     return s.newton.iterations
@@ -118,9 +218,7 @@ def newton_iterations(s: Snapshot) -> int:
 
 def stretch_max(s: Snapshot) -> float:
     """Largest principal stretch of the film since its unstretched state."""
-    F = s.film_total
-    C = np.swapaxes(F, -1, -2) @ F
-    return float(np.sqrt(s.largest(np.linalg.eigvalsh(C)[..., -1])))
+    return s.largest(s.principal_stretch)
 
 
 def dissipated_energy_mJ(s: Snapshot) -> float:
@@ -133,7 +231,7 @@ def dissipated_power_mW(s: Snapshot) -> float:
     return 0.0 if s.viscosity is None else s.viscosity.power
 
 
-QUANTITIES: dict[str, Callable[[Snapshot], float]] = {
+QUANTITIES: dict[str, Callable[[Snapshot], float | None]] = {
     f.__name__: f
     for f in (
         displacement_mm,
@@ -147,6 +245,13 @@ QUANTITIES: dict[str, Callable[[Snapshot], float]] = {
         thickness_stretch_min,
         newton_iterations,
         stretch_max,
+        tension_min_MPa,
+        breakdown_use,
+        wrinkling_use,
+        pull_in_use,
+        stability_use,
+        stretch_use,
+        locking_use,
     )
 }
 
@@ -155,23 +260,19 @@ QUANTITIES: dict[str, Callable[[Snapshot], float]] = {
 VISCOUS = {f.__name__: f for f in (dissipated_energy_mJ, dissipated_power_mW)}
 
 
-def film_stretches(newton: Newton, layout: Layout) -> Any:
+def film_stretches(s: Snapshot) -> Any:
     """In-plane principal stretches of the film since its unstretched state (collective).
 
     Returns:
         Shape (points, 2): the larger stretch in the R-Z plane and the hoop stretch, of all ranks.
     """
-    F = Snapshot(newton, layout).film_total
-    C = np.swapaxes(F, -1, -2) @ F
-    C = C.reshape(-1, 3, 3)
-    middle, half = (C[:, 0, 0] + C[:, 1, 1]) / 2, (C[:, 0, 0] - C[:, 1, 1]) / 2
-    meridional = middle + np.hypot(half, C[:, 0, 1])
-    mine = np.sqrt(np.column_stack([meridional, C[:, 2, 2]]))
-    return np.concatenate(newton.system.map.comm.allgather(mine))
+    F = s.film_total.reshape(-1, 3, 3)
+    mine = np.column_stack([meridional_stretch(F), F[:, 2, 2]])
+    return np.concatenate(s.comm.allgather(mine))
 
 
-def measure(newton: Newton, layout: Layout, viscosity: Viscosity | None = None) -> dict[str, float]:
-    """All quantities of the current state, on every rank (collective)."""
-    snapshot = Snapshot(newton, layout, viscosity)
-    wanted = QUANTITIES if viscosity is None else QUANTITIES | VISCOUS
-    return {name: function(snapshot) for name, function in wanted.items()}
+def measure(s: Snapshot) -> dict[str, float]:
+    """All quantities of a state that the device has, on every rank (collective)."""
+    wanted = QUANTITIES if s.viscosity is None else QUANTITIES | VISCOUS
+    found = {name: function(s) for name, function in wanted.items()}
+    return {name: value for name, value in found.items() if value is not None}

@@ -109,28 +109,40 @@ def stiffness(law: Law, first: Any, second: Any) -> Array:
         first: In-plane stretches.
         second: The others.
     """
-    p = law.values
-    x, y = np.log(np.asarray(first, dtype=float)), np.log(np.asarray(second, dtype=float))
+    _, (xx, yy, xy) = curvature(law, first, second)
+    # orthonormal directions at constant volume: (1, -1, 0) and (1, 1, -2)
+    aa, bb, ab = (xx + yy) / 2 - xy, (xx + yy + 2 * xy) / 6, (xx - yy) / np.sqrt(12)
+    return np.asarray((aa + bb) / 2 - np.sqrt((aa - bb) ** 2 / 4 + ab**2))
 
-    step, imaginary = 1e-8, 1e-30j
 
-    def slopes(a: float, b: float) -> tuple[Array, Array]:
-        # orthonormal directions at constant volume: (1, -1, 0) and (1, 1, -2)
-        found = []
-        for da, db in ((imaginary, 0), (0, imaginary)):
-            u, v = (a + da) / np.sqrt(2), (b + db) / np.sqrt(6)
-            l1, l2 = np.exp(x + u + v), np.exp(y - u + v)
-            w = law.energy(invariants_of_stretches(l1, l2, 1 / (l1 * l2)), p)
-            found.append(np.imag(w) / imaginary.imag)
-        return found[0], found[1]
+def curvature(law: Law, first: Any, second: Any) -> tuple[Array, Array]:
+    """First and second derivatives of W by x = ln l1 and y = ln l2, at l3 = 1 / (l1 l2), MPa.
 
-    def change(a: float, b: float) -> tuple[Array, Array]:
-        up, down = slopes(a, b), slopes(-a, -b)
-        return (up[0] - down[0]) / (2 * step), (up[1] - down[1]) / (2 * step)
+    Complex steps, exact to rounding, and central differences of them, good to 1e-8.
 
-    with np.errstate(all="ignore"):  # beyond a law's locking stretch there is no energy
-        (aa, ab), (_, bb) = change(step, 0), change(0, step)
-        return np.asarray((aa + bb) / 2 - np.sqrt((aa - bb) ** 2 / 4 + ab**2))
+    Args:
+        law: Law with its parameters.
+        first: In-plane stretches.
+        second: The others.
+
+    Returns:
+        (W_x, W_y), shape (2, ...), and (W_xx, W_yy, W_xy), shape (3, ...); NaN beyond a law's
+        locking stretch, where there is no energy.
+    """
+    p, step, h = law.values, 1e-8, 1e-30
+    l1, l2 = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
+
+    def slope(a: float, b: float, along: int) -> Array:
+        a_, b_ = (a + 1j * h, b) if along == 0 else (a, b + 1j * h)
+        i = invariants_of_stretches(l1 * np.exp(a_), l2 * np.exp(b_), np.exp(-a_ - b_) / (l1 * l2))
+        return np.asarray(np.imag(law.energy(i, p)) / h)
+
+    with np.errstate(all="ignore"):
+        x1, x0 = slope(step, 0, 0), slope(-step, 0, 0)
+        y1, y0 = slope(0, step, 1), slope(0, -step, 1)
+        mixed = slope(step, 0, 1) - slope(-step, 0, 1)
+        second_derivatives = np.stack([x1 - x0, y1 - y0, mixed]) / (2 * step)
+        return np.stack([x1 + x0, y1 + y0]) / 2, second_derivatives
 
 
 def stability_limit(law: Law, mode: str, largest: float = 10.0) -> float:

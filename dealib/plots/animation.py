@@ -73,7 +73,7 @@ def _stage(run: Run, what: Quantity, look: Theme, factor: float) -> Any:
     """The figure, the two painted strips, and the markers with their columns."""
     shapes = [Shape(run, step, n=2) for step in _typical(run)]
     values = [shape.strips(what.of(shape.arrays)) for shape in shapes]
-    norm, cmap, extend = scale(shapes[0], np.array(values), look)
+    norm, cmap, extend = scale(shapes[0], np.array(values), look, what)
     figure = plt.figure(figsize=_SIZE, dpi=_DPI, layout="constrained")
     width, height = np.ptp(np.concatenate([shape.moved() for shape in shapes]), axis=0)
     share = np.clip(_HALF * width / height, 0.35, 0.6)  # the strips need no more

@@ -15,6 +15,8 @@ from dealib.plots.shape import BLOCKS, Shape
 from dealib.plots.style import Theme
 from dealib.results.elements import Array
 
+_EXCEEDED = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}  # colour bar's ends
+
 
 def contours(shape: Shape, what: Quantity, look: Theme) -> Any:
     """Draw a quantity on the strips at one step (thesis, Figs. 26-28).
@@ -22,7 +24,7 @@ def contours(shape: Shape, what: Quantity, look: Theme) -> Any:
     The colours cover all but 0.6 % of the area: the ends of the strips hold singular points.
     """
     values = shape.strips(what.of(shape.arrays))
-    norm, cmap, extend = scale(shape, values, look)
+    norm, cmap, extend = scale(shape, values, look, what)
     figure, axes = plt.subplots(
         2, 2, figsize=(12, 8), layout="constrained", height_ratios=(1.25, 1)
     )
@@ -41,23 +43,30 @@ def contours(shape: Shape, what: Quantity, look: Theme) -> Any:
     return figure
 
 
-def scale(shape: Shape, values: Array, look: Theme) -> tuple[Normalize, str, str]:
+def scale(
+    shape: Shape, values: Array, look: Theme, what: Quantity | None = None
+) -> tuple[Normalize, str, str]:
     """Colour scale of sampled values: centred at zero if they have both signs.
+
+    That of a margin is centred at its limit.
 
     Args:
         shape: The strips.
         values: Values at the sampled points, (points,), or (steps, points) for one scale of all.
         look: The theme.
+        what: The quantity.
 
     Returns:
         The scale, its colour map, and which ends of it are exceeded, for the colour bar.
     """
+    if what is not None and what.is_use:
+        return TwoSlopeNorm(1, 0, 2), look.diverging, _EXCEEDED[values.min() < 0, values.max() > 2]
     ranges: Any = [_by_area(shape, v, np.array([0.003, 0.997])) for v in np.atleast_2d(values)]
     low, high = float(np.min(ranges)), float(np.max(ranges))
     size = max(abs(low), abs(high)) or 1.0
     below = values.min() < low - 0.02 * size
     above = values.max() > high + 0.02 * size
-    extend = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}[below, above]
+    extend = _EXCEEDED[below, above]
     if low < -0.05 * size and high > 0.05 * size:
         return TwoSlopeNorm(0, -size, size), look.diverging, extend
     if high - low < 1e-6 * size:

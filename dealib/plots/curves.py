@@ -9,10 +9,12 @@ import matplotlib.pyplot as plt
 
 from dealib.config.source import did_you_mean
 from dealib.errors import ConfigError
+from dealib.plots import limits
 from dealib.plots.branches import draw_history
 from dealib.plots.labels import kind, label, split
 from dealib.plots.style import DASHES
 from dealib.results.reader import Run
+from dealib.results.summary import MARGINS
 
 
 def overview(runs: Sequence[Run]) -> Any:
@@ -37,6 +39,16 @@ def overview(runs: Sequence[Run]) -> Any:
         draw_history(voltage, h, "time_s", "voltage_kV", **dash)
         draw_history(capacitance, h, "displacement_mm", "capacitance_pF", **style)
         draw_history(field, h, "voltage_kV", "field_max_MV_per_m", **style)
+        marked = [
+            limits.mark(axis, run, x, y)
+            for axis, x, y in (
+                (force, "displacement_mm", "force_N"),
+                (capacitance, "displacement_mm", "capacitance_pF"),
+                (field, "voltage_kV", "field_max_MV_per_m"),
+            )
+        ]
+        if marked[-1] is not None:
+            field.legend(marked[-1:], ["beyond a limit"])
     force.set(xlabel=label("displacement_mm"), ylabel=label("force_N"))
     time.set_ylabel(label("displacement_mm"))
     time.tick_params(labelbottom=False)
@@ -85,9 +97,12 @@ def curves(runs: Sequence[Run], x: str, ys: Sequence[str]) -> Any:
                     ms=4,
                     label=", ".join(several),
                 )
+                limits.mark(axis, run, x, column)
         unit = split(columns[0])[1]
         axis.set_ylabel(label(columns[0]) if len(columns) == 1 else kind(unit))
         _steady(axis)
+        if all(column in MARGINS for column in columns):
+            limits.limit(axis)
         if len(columns) > 1 or (len(runs) > 1 and axis is axes[0, 0]):
             axis.legend()
     axes[-1, 0].set_xlabel(label(x))

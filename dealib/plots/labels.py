@@ -18,6 +18,13 @@ _NAMES = {
     "mount_work": "Work at the mount",
     "terminal_work": "Work at the terminal",
     "energy_residual": "Energy balance residual",
+    "tension_min": "Smallest tension, thickness average",
+    "breakdown_use": "Breakdown: use",
+    "wrinkling_use": "Wrinkling: use",
+    "pull_in_use": "Pull-in: use",
+    "stability_use": "Material stability: use",
+    "stretch_use": "Stretch: use",
+    "locking_use": "Locking: use",
 }
 
 _KINDS = {

@@ -11,6 +11,7 @@ import numpy as np
 from dealib.config.source import did_you_mean
 from dealib.errors import ConfigError
 from dealib.results.elements import Array
+from dealib.results.summary import MARGINS
 
 NOISE = 1e-14  # rounding, in internal units: at 0 V the field is 1e-19 MV/m
 _INDEX = {"R": 0, "Z": 1, "T": 2}
@@ -37,12 +38,23 @@ class Quantity:
     factor: float = 1.0
 
     @property
+    def is_use(self) -> bool:
+        """Whether it is a margin, of which 1 is the limit."""
+        return self.name in MARGINS
+
+    @property
     def title(self) -> str:
         """Label with the unit."""
         return f"{self.label} ({self.unit})" if self.unit else self.label
 
     def of(self, arrays: Mapping[str, Array]) -> Array:
-        """Nodal values from the arrays of a state."""
+        """Nodal values from the arrays of a state.
+
+        Raises:
+            ConfigError: If the run has no such field.
+        """
+        if self.field not in arrays:
+            raise ConfigError(f"{self.name}: the run has no such field; its config sets no limit")
         values = arrays[self.field]
         if self.component is not None:
             index: Any = (..., *self.component)
@@ -56,7 +68,10 @@ def _all() -> dict[str, Quantity]:
     found = [
         Quantity("phi", "Electric potential φ", "kV", "phi"),
         Quantity("J", "Volume ratio J", "", "J"),
+        Quantity("tension", "Smallest in-plane stress", "MPa", "tension"),
     ]
+    for key, (name, _) in MARGINS.items():
+        found.append(Quantity(key, f"{name.capitalize()}: use (1 is the limit)", "", key))
     for key, label, unit, field, factor in (
         ("u", "Displacement", "mm", "u", 1.0),
         ("E", "Electric field", "MV/m", "E", 1.0),

@@ -52,7 +52,7 @@ def draw_revolved(shape: Shape, what: Quantity, look: Theme) -> Any:
     """
     check_rendering()
     values = shape.strips(what.of(shape.arrays))
-    norm, cmap, extend = scale(shape, values, look)
+    norm, cmap, extend = scale(shape, values, look, what)
     figure, axis = plt.subplots(figsize=(11, 7), layout="constrained")
     axis.imshow(_render(shape, values, norm, cmap, look))
     axis.set_axis_off()

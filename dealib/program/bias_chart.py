@@ -113,7 +113,7 @@ def _with(case: Case, program: list[dict[str, Any]]) -> Case:
     first = case.config.program[0]
     if first.stage == "prestrain":
         stages = (first, *stages)
-    return replace(case, config=case.config.model_copy(update={"program": stages}))
+    return replace(case, config=case.config.model_copy(update={"program": stages, "stop_when": ()}))
 
 
 def _film(

@@ -74,6 +74,7 @@ class Increments:
         corners: set[float],
         apply: Callable[[float], tuple[Any, ...]],
         explain: Callable[[float], str],
+        too_far: Callable[[float, float], bool] = lambda at, step: False,
     ) -> Iterator[float]:
         """Solve up to each target in turn.
 
@@ -82,6 +83,7 @@ class Increments:
             corners: Those at which an input changes direction: no extrapolation across them.
             apply: Sets the inputs of a time and names them, for the predictor's memory.
             explain: Message for a failure on the way to a time.
+            too_far: Whether the state at a time, reached by a step, asks for a smaller step.
 
         Yields:
             The time of each converged state: all targets, and more where increments were cut.
@@ -114,6 +116,11 @@ class Increments:
                     if place.size < smallest or place.size < _SMALLEST * targets[0]:
                         raise NotConverged(f"{explain(then)} ({error})") from None
                     log.info("increment to %.6g cut to %.3g: %s", then, place.size, error)
+                    continue
+                if too_far(then, step):
+                    kept.copy(q)
+                    apply(place.now)
+                    place.size = step / 2
                     continue
                 self.predictor.add(then, inputs, q)
                 kept, place.now = q.copy(), then

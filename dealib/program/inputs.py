@@ -46,9 +46,9 @@ class Drive:
         """The knots of a cycle, counted from 0: only the first one has to come to the list."""
         return self.knots[1:] if cycle and self.knots[0] != self.knots[-1] else self.knots
 
-    def held(self) -> Drive:
-        """The same drive, staying at its last value."""
-        return replace(self, knots=(self.knots[-1],) * 2)
+    def held(self, cycle_fraction: float) -> Drive:
+        """The same drive, staying at its value at a time."""
+        return replace(self, knots=(self.at(cycle_fraction),) * 2)
 
     def plain(self) -> dict[str, Any]:
         """As numbers, texts, lists and dicts."""

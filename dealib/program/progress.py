@@ -25,6 +25,10 @@ class Progress:
         drives: What drives the ports.
         work: Work done so far.
         row: The last row of the history, none before the first.
+        worst: The worst of each margin so far (see `margins.keep`).
+        over: Whether a condition has ended the stage.
+        stops: What conditions ended: `step`, `time_s`, `stage`, `when`, and `ends`, which is
+            'stage' or 'run'.
     """
 
     step: int = -1
@@ -36,6 +40,14 @@ class Progress:
     drives: dict[str, Drives] = field(default_factory=lambda: dict(REST))
     work: Work = field(default_factory=Work)
     row: dict[str, Any] | None = None
+    worst: dict[str, dict[str, Any]] = field(default_factory=dict)
+    over: bool = False
+    stops: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def ended(self) -> bool:
+        """Whether a condition has ended the run."""
+        return bool(self.stops) and self.stops[-1]["ends"] == "run"
 
     def plain(self) -> dict[str, Any]:
         """As numbers, texts, lists and dicts."""

@@ -23,6 +23,7 @@ from dealib.errors import Interrupted, NotConverged, PlatformError
 from dealib.fem import compat
 from dealib.program.directory import identity, prepare
 from dealib.program.log import to_file
+from dealib.program.margins import table
 from dealib.program.predictor import MEMORY
 from dealib.program.signals import Signals
 from dealib.program.simulation import Simulation, State
@@ -241,6 +242,8 @@ class _Session:
                 self.timings["factorisation"] += simulation.newton.factorisation_seconds
                 self.info["steps"] = max(simulation.progress.step, 0)
                 self.info["newton_iterations"] = simulation.newton.total
+                self.info["margins"] = table(simulation.progress.worst)
+                self.info["stops"] = simulation.progress.stops
         except BaseException as error:
             failure = error
             raise

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,55 +11,24 @@ from typing import Any
 from mpi4py import MPI
 
 from dealib.config.case import Case
-from dealib.config.follow import PARTNER, Until
+from dealib.config.follow import PARTNER
 from dealib.config.program import Stage
-from dealib.errors import ConfigError, NotConverged
+from dealib.errors import ConfigError
 from dealib.fem.layout import Layout
-from dealib.fem.measures import film_stretches, measure
 from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem
 from dealib.fem.system import Timings
 from dealib.fem.viscous import Viscosity
-from dealib.program.bias import ReachWatch, second_film
-from dealib.program.follow import BIFURCATION, LIMIT_POINT, Branch, Position
-from dealib.program.increments import Increments, Place
-from dealib.program.inputs import (
-    Drive,
-    law,
-    milestones,
-    mount_drives,
-    plain_drive,
-    terminal_drives,
-)
-from dealib.program.pair import COLUMN, Pair, size
+from dealib.program import stages
+from dealib.program.bias import second_film
+from dealib.program.increments import Place
+from dealib.program.inputs import mount_drives, terminal_drives
 from dealib.program.predictor import Predictor
 from dealib.program.progress import Progress
-from dealib.program.stability import StabilityWatch
+from dealib.program.states import Book, State
 from dealib.results.checkpoint import Checkpoint
 
-
-@dataclass(frozen=True)
-class State:
-    """One converged state.
-
-    Attributes:
-        row: The history's row.
-        end_of_stage: Whether it ends a stage.
-        simulation: Where it came from; holds the fields until the next state is asked for.
-    """
-
-    row: dict[str, Any]
-    end_of_stage: bool
-    simulation: Simulation
-
-    def nodal(self) -> Any:
-        """Nodal values of the whole mesh on rank 0 (see `Layout`), None elsewhere (collective)."""
-        return self.simulation.layout.gather()
-
-    def internal(self) -> Any:
-        """Internal state of Maxwell branches, likewise (see `Viscosity.gather`); None without."""
-        viscosity = self.simulation.viscosity
-        return None if viscosity is None else viscosity.gather()
+__all__ = ["Simulation", "State"]
 
 
 class Simulation:
@@ -97,14 +65,12 @@ class Simulation:
         follows = [stage.follow for stage in case.config.program if stage.follow is not None]
         crossed = any(PARTNER[vary] != along for vary, along in (f.pair for f in follows))
         self.newton = Newton(self.problem, self.timings, symmetric=not crossed)
-        self._judges = bool(follows)
         self.steps_planned = _steps_planned(case.config.program)
         self.progress = Progress()
-        self._predictor = Predictor(
+        self.predictor = Predictor(
             case.config.solver.predictor_order, retrace=self.viscosity is None
         )
-        self._watch = StabilityWatch(case.config.materials.film)
-        self._reach = ReachWatch()
+        self.book = Book(self)
         self._stages = case.config.program
         if self._stages[0].stage != "prestrain":
             self._stages = (Stage(stage="prestrain", duration="1 s"), *self._stages)
@@ -120,12 +86,18 @@ class Simulation:
         """Run the program, or what is left of it."""
         first, *others = self._stages
         if self.progress.step < 0:
-            yield self._prestrain(first)
+            yield from stages.prestrain(self, first)
         for index, stage in enumerate(others, start=1):
+            if self.progress.ended:
+                return
             if index > self.progress.stage:
                 self._begin(index, stage)
-            if index == self.progress.stage:
-                yield from self._run(stage) if stage.follow is None else self._follow(stage)
+            if index == self.progress.stage and not self.progress.over:
+                yield from (
+                    stages.ramp(self, stage)
+                    if stage.follow is None
+                    else (stages.follow(self, stage))
+                )
 
     def _restore(self, saved: Checkpoint) -> None:
         """Take up a saved state (collective)."""
@@ -148,35 +120,18 @@ class Simulation:
             dissipated = self.progress.row["dissipated_energy_mJ"]
             self.viscosity.restore(saved.internal, dissipated)
         # states before row 0 are not saved: they lie on the way to the pre-stretch
-        self._predictor.restore(saved.values["predictor"], known)
+        self.predictor.restore(saved.values["predictor"], known)
 
     def plain(self) -> dict[str, Any]:
         """What a checkpoint holds besides the states."""
-        return {"progress": self.progress.plain(), "predictor": self._predictor.plain()}
-
-    # --- stages ----------------------------------------------------------------------------------
-
-    def _prestrain(self, stage: Stage) -> State:
-        """Ramp the pre-stretch with the ports at rest; the clock starts when it is reached."""
-
-        def apply(fraction: float) -> tuple[Any, ...]:
-            self.problem.set_prestretch(fraction)
-            return ("prestretch", fraction)
-
-        apply(0.0)
-        increments = Increments(self.newton, self.case.config.solver, self._predictor)
-        targets = [k / stage.steps for k in range(1, stage.steps + 1)]
-        for _ in increments.run(targets, {1.0}, apply, lambda at: self._failure(stage, at)):
-            pass
-        if self.viscosity is not None:
-            self.viscosity.rest()
-        return self._state(stage.stage, 0.0, last=True)
+        return {"progress": self.progress.plain(), "predictor": self.predictor.plain()}
 
     def _begin(self, index: int, stage: Stage) -> None:
         """Enter a stage: the ports keep their last values unless it drives them."""
         p = self.progress
         assert p.row is not None
-        p.drives = {port: tuple(d.held() for d in drives) for port, drives in p.drives.items()}
+        held = {k: tuple(d.held(p.place.now) for d in drives) for k, drives in p.drives.items()}
+        p.drives = held
         if stage.mount is not None:
             start = p.row["displacement_mm"], p.row["force_N"]
             sample = partial(second_film, self.case.config, self.comm)
@@ -186,121 +141,9 @@ class Simulation:
                 stage.terminal, p.row["voltage_kV"], p.row["charge_uC"]
             )
         p.stage, p.stage_start, p.place, p.branch = index, p.time, Place(), None
-
-    def _run(self, stage: Stage) -> Iterator[State]:
-        """The rest of the stage that the progress is in."""
-        p, viscosity = self.progress, self.viscosity
-        targets, corners = milestones(stage, self._drives())
-
-        def apply(at: float) -> tuple[Any, ...]:
-            for port, drives in p.drives.items():
-                self.newton.system.ports[port] = law(drives, at)
-            if viscosity is not None and at > p.place.now:
-                viscosity.begin((at - p.place.now) * stage.duration)
-            return tuple(x for d in self._drives() for x in (d.label, d.at(at)))
-
-        apply(p.place.now)
-        error = None if viscosity is None else viscosity.error
-        solver = self.case.config.solver
-        increments = Increments(self.newton, solver, self._predictor, p.place, error)
-        for at in increments.run(targets, corners, apply, lambda at: self._failure(stage, at)):
-            if viscosity is not None:
-                viscosity.commit()
-            time = p.stage_start + at * stage.duration
-            yield self._state(stage.stage, time, last=at == targets[-1])
-
-    def _follow(self, stage: Stage) -> Iterator[State]:
-        """The rest of a stage that follows a branch."""
-        p, follow = self.progress, stage.follow
-        assert follow is not None
-        assert p.row is not None
-        (vary, along), until = follow.pair, follow.until
-        end = getattr(until, along)
-        for port, drives in p.drives.items():
-            self.newton.system.ports[port] = law(drives, 1.0)
-        if p.branch is None:
-            way = abs(end - p.row[COLUMN[along]])
-            if way <= 1e-9 * size(self.problem, along):
-                raise ConfigError(f"stage {stage.stage!r} begins at the end of its {along}")
-            p.branch = Position((size(self.problem, vary), way))
-        pair = Pair(vary, along, p.branch.sizes)
-        settings, goal = self.case.config.solver, getattr(until, vary)
-        branch = Branch(
-            self.newton, settings, self._predictor, pair, end, stage.steps, p.branch, goal
-        )
-        try:
-            for found in branch.run():
-                at, before = p.stage_start + p.branch.length * stage.duration, p.row
-                p.drives[pair.port] = (plain_drive(vary, (p.branch.point[0],) * 2),)
-                row = self._row(stage.stage, at, found.modes, found.kind)
-                full = p.branch.count >= (follow.states or 10 * stage.steps)
-                p.branch.done |= full or _passed(before, row, until)
-                yield self._record(row, p.branch.done)
-        except NotConverged as error:
-            raise NotConverged(
-                f"stage {stage.stage!r} stopped at {vary} = {p.branch.point[0]:.6g}, "
-                f"{along} = {p.branch.point[1]:.6g}: {error}; everything up to there is kept"
-            ) from None
-
-    def _state(self, stage: str, at: float, last: bool) -> State:
-        return self._record(self._row(stage, at), last)
-
-    def _row(
-        self, stage: str, at: float, modes: int | None = None, kind: str = ""
-    ) -> dict[str, Any]:
-        """The history's row of the current state."""
-        p = self.progress
-        row: dict[str, Any] = {"step": p.step + 1, "time_s": at, "stage": stage}
-        row |= measure(self.newton, self.layout, self.viscosity)
-        row |= p.work.add(p.row, row)
-        if self._judges:
-            row["unstable_modes"] = self.newton.unstable_modes() if modes is None else modes
-            row["limit_point"], row["bifurcation"] = (
-                int(kind == LIMIT_POINT),
-                int(kind == BIFURCATION),
-            )
-        return row
-
-    def _record(self, row: dict[str, Any], last: bool) -> State:
-        """Take a row over as the last one."""
-        p, at = self.progress, row["time_s"]
-        p.step, p.time, p.row = p.step + 1, at, row
-        self._watch.see(row, lambda: film_stretches(self.newton, self.layout))
-        self._reach.see(row, self.newton.system.ports["mount"])
-        return State(row, last, self)
-
-    def _drives(self) -> list[Drive]:
-        return [drive for drives in self.progress.drives.values() for drive in drives]
-
-    def _failure(self, stage: Stage, at: float) -> str:
-        """Where the program stopped and what to try."""
-        drives = self._drives()
-        inputs = ", ".join(f"{d.label} = {d.at(at):.6g} {d.unit}" for d in drives)
-        hint = "give the stage more steps"
-        voltage = any(
-            d.kind == "value" and d.label == "terminal.voltage" and d.at(at) != 0 for d in drives
-        )
-        self.newton.system.map.expand(self.newton.system.q, self.problem.spaces.w)
-        if self.problem.locked(0.9):
-            hint = "less load, for a law is stretched to over 90 % of its limit"
-        if stage.stage == "prestrain":
-            return f"stage 'prestrain' stopped at {at:.4g} of the pre-stretch; {hint}"
-        if voltage:
-            hint += "; if this is pull-in, prescribe the charge or the displacement instead"
-        return (
-            f"stage {stage.stage!r} stopped after t = {self.progress.time:.6g} s, "
-            f"on the way to {inputs}; everything up to there is kept. Try: {hint}"
-        )
+        p.over = False
 
 
 def _steps_planned(program: tuple[Stage, ...]) -> int:
     """Number of rows after row 0 if no increment is cut (corners off the grid may add some)."""
     return sum(s.steps * s.cycles for s in program if s.stage != "prestrain")
-
-
-def _passed(before: dict[str, Any], row: dict[str, Any], until: Until) -> bool:
-    """Whether a variable passed its limit from one row to the next."""
-    limits = ((COLUMN[name], limit) for name, limit in until if limit is not None)
-    return any(
-        before[c] != limit and (row[c] - limit) * (before[c] - limit) <= 0 for c, limit in limits
-    )

@@ -12,6 +12,7 @@ from dealib.config.program import Stage
 from dealib.config.schema import Config
 from dealib.results.reader import Run
 from dealib.results.summary import actuations, critical_points
+from dealib.results.summary import margins as utilisations
 from dealib.units import write
 
 Rows = list[tuple[str, str]]
@@ -124,6 +125,21 @@ def margins(run: Run) -> list[tuple[str, str, str]]:
     return found
 
 
+def uses(run: Run) -> list[dict[str, str]]:
+    """How much of each limit is used, and where and when most."""
+    return [
+        {
+            "name": m.name,
+            "meaning": m.meaning,
+            "used": m.used,
+            "ok": "ok" if m.ok else "beyond",
+            "where": m.where.replace("-", "−"),
+            "when": m.when,
+        }
+        for m in utilisations(run)
+    ]
+
+
 def energy(run: Run) -> Rows:
     """The balance of work and stored energy over the whole run."""
     h = run.history
@@ -190,6 +206,10 @@ def warnings(run: Run) -> list[str]:
     if info["status"] != "done":
         found.insert(
             0, f"The run is not complete: {info['status']}. {info.get('error', '')}".strip()
+        )
+    for stop in info.get("stops", []):
+        found.append(
+            f"The {stop['ends']} was ended by its condition {stop['when']} at step {stop['step']}."
         )
     if share(run) > 1:
         found.append(

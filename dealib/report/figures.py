@@ -14,6 +14,7 @@ from dealib.plots import style
 from dealib.plots.contours import contours
 from dealib.plots.curves import curves, overview
 from dealib.plots.labels import label
+from dealib.plots.limits import uses
 from dealib.plots.mesh import draw_mesh
 from dealib.plots.profiles import draw_profiles
 from dealib.plots.quantities import SURFACE_CHARGE, quantity
@@ -59,6 +60,7 @@ def pictures(run: Run) -> dict[str, Picture]:
     found = {
         "overview": both(lambda look: overview([run]), "svg"),
         "energy": both(lambda look: curves([run], "time_s", energies), "svg"),
+        "margins": both(lambda look: uses(run), "svg"),
         "iterations": both(lambda look: _iterations(run), "svg"),
     }
     if run.stored_steps:

@@ -40,6 +40,7 @@ def render(run: Run) -> str:
         "device": facts.device(config),
         "program": facts.program(config),
         "margins": facts.margins(run),
+        "uses": facts.uses(run),
         "energy": facts.energy(run),
         "solution": facts.solution(run),
         "warnings": facts.warnings(run),

@@ -44,16 +44,40 @@ def kinematics(cell: Cell, corners: Array, points: Array, u: Array, phi: Array) 
         u: Nodal displacements (cells, nodes, 2), mm.
         phi: Nodal potentials (cells, nodes), kV.
     """
-    N, _ = cell.shape(points)
-    position, dN = gradients(cell, corners, points)
-    F = np.zeros((*position.shape[:2], 3, 3))
-    F[..., :2, :2] = np.swapaxes(u, 1, 2)[:, None] @ dN + np.eye(2)
-    F[..., 2, 2] = 1 + u[..., 0] @ N.T / position[..., 0]
-    J = np.linalg.det(F)
-    E = np.zeros((*position.shape[:2], 3))
-    E[..., :2] = -(phi[:, None, None] @ dN)[..., 0, :]
-    e = (E[..., None, :] @ inverse(F))[..., 0, :]  # F^-T E
-    return Kinematics(F, J, e)
+    return Points.of(cell, corners, points).kinematics(u, phi)
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points of cells, with what does not change while the body deforms.
+
+    Attributes:
+        position: (R, Z) in the mesh, (cells, points, 2), mm.
+        N: Shape functions (points, nodes).
+        dN: Their gradients (cells, points, nodes, 2).
+    """
+
+    position: Array
+    N: Array
+    dN: Array
+
+    @classmethod
+    def of(cls, cell: Cell, corners: Array, points: Array) -> Points:
+        """Reference points (points, 2) in cells of given corners (cells, corners, 2)."""
+        position, dN = gradients(cell, corners, points)
+        return cls(position, cell.shape(points)[0], dN)
+
+    def kinematics(self, u: Array, phi: Array) -> Kinematics:
+        """Deformation and field from nodal u (cells, nodes, 2) and phi (cells, nodes)."""
+        F = np.zeros((*self.position.shape[:2], 3, 3))
+        F[..., :2, :2] = np.swapaxes(u, 1, 2)[:, None] @ self.dN + np.eye(2)
+        F[..., 2, 2] = 1 + u[..., 0] @ self.N.T / self.position[..., 0]
+        d = F[..., 0, 0] * F[..., 1, 1] - F[..., 0, 1] * F[..., 1, 0]
+        E = -(phi[:, None, None] @ self.dN)[..., 0, :]
+        e = np.zeros((*E.shape[:2], 3))  # F^-T E
+        e[..., 0] = (F[..., 1, 1] * E[..., 0] - F[..., 1, 0] * E[..., 1]) / d
+        e[..., 1] = (F[..., 0, 0] * E[..., 1] - F[..., 0, 1] * E[..., 0]) / d
+        return Kinematics(F, d * F[..., 2, 2], e)
 
 
 def second_pk(

@@ -116,10 +116,16 @@ class Run:
             return np.asarray(file[name][:], dtype=np.float64) if name in file else None
 
     def arrays(self, index: int = -1) -> dict[str, Array]:
-        """All nodal fields of the index-th stored step (see `dealib.results.fields`)."""
+        """All nodal fields of the index-th stored step.
+
+        Those of `dealib.results.fields`, and the film's margins (see `dealib.results.margins`).
+        """
+        from dealib.results import margins
         from dealib.results.fields import fields
 
-        return fields(self.config, self.mesh, self.state(index), self.internal(index))
+        state = self.state(index)
+        found = fields(self.config, self.mesh, state, self.internal(index))
+        return found | margins.fields(self.config, self.mesh, state)
 
     def fields(self, index: int = -1) -> pyvista.UnstructuredGrid:
         """A pyvista grid of the index-th stored step, with all fields; points undeformed."""

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     import pandas
 
     from dealib.config.schema import Config
+    from dealib.results.reader import Run
 
 
 @dataclass(frozen=True)
@@ -112,3 +113,57 @@ def critical_points(history: pandas.DataFrame, config: Config) -> list[CriticalP
             )
         )
     return found
+
+
+# column of the history -> name, and what it compares
+MARGINS = {
+    "breakdown_use": ("breakdown", "true field over the strength that the electrodes leave"),
+    "wrinkling_use": ("wrinkling", "lost share of the mounted tension, thickness average"),
+    "pull_in_use": ("pull-in", "field over the one at which the film itself loses stability"),
+    "stability_use": ("material stability", "lost share of the law's stiffness at rest"),
+    "stretch_use": ("stretch", "largest stretch over the one allowed"),
+    "locking_use": ("locking", "share of the law's extensibility"),
+}
+
+
+@dataclass(frozen=True)
+class Margin:
+    """The worst of one margin over a run.
+
+    Attributes:
+        name: Of the margin.
+        meaning: What is compared.
+        use: How much is used: 1 is the limit; infinite where there is nothing left at all.
+        where: Radius and height in the mesh.
+        when: Step, time and stage.
+        ok: Whether the limit holds.
+    """
+
+    name: str
+    meaning: str
+    use: float
+    where: str
+    when: str
+    ok: bool
+
+    @property
+    def used(self) -> str:
+        """`use` for the eye."""
+        return f"{self.use:.3f}" if self.use < float("inf") else "∞"
+
+
+def margins(run: Run) -> list[Margin]:
+    """The margins of a run that came to its end, in a fixed order."""
+    found = run.info.get("margins", {})
+    return [
+        Margin(
+            name,
+            meaning,
+            float("inf") if m["use"] is None else m["use"],
+            f"R = {m['R_mm']:.4g} mm, Z = {m['Z_mm']:.4g} mm",
+            f"step {m['step']}, t = {m['time_s']:.4g} s, {m['stage']}",
+            m["ok"],
+        )
+        for column, (name, meaning) in MARGINS.items()
+        if (m := found.get(column)) is not None
+    ]

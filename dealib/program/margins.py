@@ -1,0 +1,52 @@
+"""The worst of each margin over a run: how much is used, where, when."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from dealib.fem.measures import Peak
+
+log = logging.getLogger(__name__)
+
+_GIVEN = ("breakdown_use", "stretch_use")  # against limits of the config: passing them is a warning
+
+
+def keep(worst: dict[str, dict[str, Any]], peaks: Mapping[str, Peak], row: dict[str, Any]) -> None:
+    """Take a state into account, and warn when it is the first beyond a limit of the config.
+
+    Args:
+        worst: By margin: `use`, `R_mm`, `Z_mm`, `step`, `time_s`, `stage`; is updated.
+        peaks: Of the state.
+        row: Its row of the history.
+    """
+    for name, peak in peaks.items():
+        before = worst[name]["use"] if name in worst else -1e300
+        if not peak.value > before + 1e-9 * abs(before):  # not by rounding alone
+            continue
+        worst[name] = {
+            "use": peak.value,
+            "R_mm": peak.R,
+            "Z_mm": peak.Z,
+            **{key: row[key] for key in ("step", "time_s", "stage")},
+        }
+        if before <= 1 < peak.value and name in _GIVEN:
+            log.warning(
+                "step %d (%s): %s = %.4g, beyond the limit of the config, at R = %.4g mm, "
+                "Z = %.4g mm",
+                *(row["step"], row["stage"], name, peak.value, peak.R, peak.Z),
+            )
+
+
+def table(worst: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """For `run.json`: with `ok`; a `use` without bound is null."""
+    return {
+        name: {
+            **found,
+            "use": found["use"] if math.isfinite(found["use"]) else None,
+            "ok": found["use"] <= 1 + 1e-9,
+        }
+        for name, found in worst.items()
+    }

@@ -1,0 +1,250 @@
+"""How near a film is to its limits, as utilisations: 1 is the limit, and above it is beyond.
+
+In the plane of the film, direction 1 is that of its meridian, F e_R, and 2 is the hoop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from dealib.config.schema import Config
+from dealib.materials.laws import Law, invariants_of_stretches
+from dealib.materials.response import MODES, curvature, stability_limit, stiffness
+from dealib.results import local
+from dealib.results.elements import Array
+from dealib.results.mesh import ResultMesh
+
+
+@dataclass(frozen=True)
+class Film:
+    """What the margins need to know of a film.
+
+    Attributes:
+        material: Law, permittivity and pre-stretch.
+        tension: That `wrinkling_use` counts from, MPa.
+        stiffness: Of the law at rest, for changes of shape, MPa.
+        softens: Whether the law can lose it.
+    """
+
+    material: local.RegionMaterial
+    tension: float
+    stiffness: float
+    softens: bool
+
+    @classmethod
+    def of(cls, config: Config) -> Film:
+        """The film of a config."""
+        material = local.region_materials(config)["film"]
+        law = material.law
+        assert law is not None
+        stress = np.diag(local.second_pk(law, np.eye(3), material.prestretch))  # mounted: F = I
+        rest = float(stiffness(law, 1.0, 1.0))
+        softens = any(np.isfinite(stability_limit(law, mode)) for mode in MODES)
+        mounted = float(min(stress[0], stress[2]))
+        return cls(material, mounted if mounted > 1e-9 * rest else rest / 2, rest, softens)
+
+    @property
+    def law(self) -> Law:
+        """Its law."""
+        assert self.material.law is not None
+        return self.material.law
+
+    @property
+    def prestretch(self) -> Array:
+        """Its stretches (radial, thickness, hoop) in the mesh."""
+        assert self.material.prestretch is not None
+        return self.material.prestretch
+
+    def stretches(self, F: Array) -> tuple[Array, Array]:
+        """Stretches in the plane since the unstretched state, at deformations from the mesh."""
+        p = self.prestretch
+        return np.hypot(F[..., 0, 0], F[..., 1, 0]) * p[0], F[..., 2, 2] * p[2]
+
+    def tensions(self, k: local.Kinematics, pressure: Array | None = None) -> Array:
+        """In-plane true stresses, elastic plus Maxwell, (..., 2), MPa.
+
+        Args:
+            k: Deformation and field.
+            pressure: The mixed form's p, (...).
+        """
+        m = self.material
+        S = local.second_pk(self.law, k.F, m.prestretch, pressure)
+        total = local.cauchy(k.F, S) + local.maxwell(m.permittivity_at(k.F), k.e)
+        if m.slope:
+            total += local.electrostriction(m.slope, m.area_stretch(k.F), k.F, k.e)
+        t = k.F[..., :, 0] / np.linalg.norm(k.F[..., :, 0], axis=-1)[..., None]
+        first = np.einsum("...i,...ij,...j", t, total, t)
+        return np.stack([first, total[..., 2, 2]], axis=-1)
+
+    def wrinkling(self, tensions: Array) -> Array:
+        """Share of the mounted tension that is lost, from tensions (..., 2) averaged across.
+
+        A membrane wrinkles where it has no tension left in some direction of its plane (for
+        dielectric elastomers: J.-S. Plante and S. Dubowsky, Int. J. Solids Struct. 43 (2006)
+        7727). Bending at the clamped ends compresses one face only; hence the average through the
+        thickness. A film mounted without pre-stretch has no tension to lose: then it counts from
+        its shear modulus, and is at its limit at rest.
+        """
+        return np.asarray(1 - tensions.min(axis=-1) / self.tension)
+
+    def pull_in(self, k: local.Kinematics) -> Array:
+        """Field over the one at which the film at its present stretches loses stability.
+
+        The free energy of an incompressible film in terms of its in-plane stretches and electric
+        displacement must be convex for the film to be stable under dead loads and a voltage
+        (X. Zhao and Z. Suo, Appl. Phys. Lett. 91 (2007) 061921). At a given voltage that is
+
+            A - eps e.e [[1, 2], [2, 1]] positive definite,  A_ij = l_i l_j d2W / dl_i dl_j,
+
+        and with eps = a + b sqrt(l1 l2) the same with the second derivatives of eps (l1 l2)^2 / 2.
+        Infinite where A itself is not: under dead loads that film fails without a field. A film
+        whose edges are held is more stable than that, so that the margin is on the safe side.
+        """
+        gradient, hessian = curvature(self.law, *self.stretches(k.F))
+        a, c = hessian[0] - gradient[0], hessian[1] - gradient[1]
+        b = hessian[2]
+        rising = self.material.slope * self.material.area_stretch(k.F)
+        own, cross = (
+            n * self.material.permittivity + f * rising for n, f in ((1, 1.875), (2, 3.125))
+        )
+        det, m = a * c - b * b, own * (a + c) - 2 * cross * b
+        with np.errstate(all="ignore"):
+            # the smaller root of (cross^2 - own^2) q^2 + m q - det = 0, q = e.e
+            root = np.sqrt(m * m + 4 * (cross**2 - own**2) * det)
+            used = np.einsum("...i,...i", k.e, k.e) * (m + root) / (2 * det)
+            used = np.where(used > 0, np.sqrt(used), 0.0)  # no positive root: never lost
+        return np.where((det > 0) & (a + c > 0), used, np.inf)
+
+    def softening(self, F: Array) -> Array:
+        """Share of the law's stiffness at rest that is lost (see `response.stiffness`)."""
+        left = stiffness(self.law, *self.stretches(F)) / self.stiffness
+        return np.asarray(np.maximum(1 - left, 0.0))
+
+    def extension(self, F: Array) -> Array:
+        """Share of the law's extensibility that is used, of a law that locks."""
+        l1, l2 = self.stretches(F)
+        i = invariants_of_stretches(l1, l2, 1 / (l1 * l2))
+        return np.asarray(self.law.extension(i, self.law.values))
+
+
+def meridional_stretch(F: Array) -> Array:
+    """Larger principal stretch in the R-Z plane, shape F.shape[:-2]."""
+    a, b = F[..., 0, 0] ** 2 + F[..., 1, 0] ** 2, F[..., 0, 1] ** 2 + F[..., 1, 1] ** 2
+    c = F[..., 0, 0] * F[..., 0, 1] + F[..., 1, 0] * F[..., 1, 1]
+    return np.asarray(np.sqrt((a + b) / 2 + np.hypot((a - b) / 2, c)))
+
+
+def principal_stretch(F: Array) -> Array:
+    """Largest principal stretch, shape F.shape[:-2]."""
+    return np.maximum(meridional_stretch(F), F[..., 2, 2])
+
+
+# --- columns through the thickness ---------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Points of film cells, in columns through the thickness.
+
+    Attributes:
+        radii: Middle of each column, (columns,), mm.
+        column: Column of each point, (cells, points).
+        area: Meridian area of each point in the mesh, (cells, points), mm^2.
+    """
+
+    radii: Array
+    column: npt.NDArray[np.int64]
+    area: Array
+
+    @classmethod
+    def of(cls, edges: Array, corners: Array, position: Array) -> Columns:
+        """Sort points into columns.
+
+        Args:
+            edges: Radii that bound the columns (see `face`), ascending.
+            corners: Corners of the cells (cells, corners, 2).
+            position: The points (cells, points, 2).
+        """
+        column = np.searchsorted(edges, position[..., 0]) - 1
+        x, y = corners[..., 0], corners[..., 1]
+        area = np.abs((x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)) / 2
+        return cls(
+            (edges[1:] + edges[:-1]) / 2,
+            np.clip(column, 0, len(edges) - 2),
+            np.broadcast_to(area[:, None] / position.shape[1], position.shape[:2]),
+        )
+
+    def average(
+        self, values: Array, k: local.Kinematics, total: Callable[[Array], Array] = np.asarray
+    ) -> Array:
+        """Averages over the deformed thickness.
+
+        Args:
+            values: Values at the points, (cells, points, components).
+            k: Deformation.
+            total: Adds up what each rank has.
+
+        Returns:
+            Shape (columns, components).
+        """
+        weights = self.area * k.J / k.F[..., 2, 2]
+        parts = [weights, *np.moveaxis(values * weights[..., None], -1, 0)]
+        count, column = len(self.radii), self.column.ravel()
+        mine = np.stack([np.bincount(column, p.ravel(), minlength=count) for p in parts])
+        sums = total(mine.astype(float))  # without points they are integers
+        with np.errstate(invalid="ignore"):  # columns without points
+            return np.asarray((sums[1:] / sums[0]).T)
+
+
+def face(corners: Array, top: float) -> Array:
+    """Radii of the corners at a height, ascending."""
+    found = np.sort(corners[np.abs(corners[..., 1] - top) < 1e-6 * abs(top)][:, 0])
+    return np.asarray(found[np.diff(found, prepend=-1.0) > 1e-9 * found.max(initial=1.0)])
+
+
+# --- fields --------------------------------------------------------------------------------------
+
+
+def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
+    """Nodal margins of the film, 0 elsewhere: those of the history, pointwise.
+
+    `wrinkling_use` is constant through the thickness, as its stress is; `tension`, the smallest
+    in-plane true stress (MPa), is that of each point.
+
+    Args:
+        config: The config of the run.
+        mesh: Mesh of the results.
+        state: Nodal values, (nodes, 3 or 4).
+    """
+    film, cells = Film.of(config), mesh.in_region("film")
+    points = local.Points.of(mesh.cell, mesh.corners[cells], mesh.cell.gauss)
+    nodal = state[mesh.cells[cells]]
+    k = points.kinematics(nodal[..., :2], nodal[..., 2])
+    pressure = nodal[..., 3] @ points.N.T if state.shape[1] > 3 else None
+    tensions = film.tensions(k, pressure)
+    edges = face(mesh.corners[cells], float(mesh.corners[cells][..., 1].max()))
+    columns = Columns.of(edges, mesh.corners[cells], points.position)
+    wrinkling = film.wrinkling(columns.average(tensions, k))
+    found = {
+        "tension": tensions.min(axis=-1),
+        "wrinkling_use": wrinkling[columns.column],
+        "pull_in_use": np.minimum(film.pull_in(k), 2.0),  # bounded, to be drawn
+    }
+    if film.softens:
+        found["stability_use"] = film.softening(k.F)
+    if film.law.locks:
+        found["locking_use"] = film.extension(k.F)
+    if config.limits.breakdown is not None:
+        found["breakdown_use"] = np.linalg.norm(k.e, axis=-1) / config.limits.breakdown
+    if config.limits.stretch_max is not None:
+        stretch = principal_stretch(k.F * film.prestretch)
+        found["stretch_use"] = stretch / config.limits.stretch_max
+    out = {}
+    for name, values in found.items():
+        out[name] = np.zeros(len(mesh.points))
+        mesh.average(values @ mesh.cell.from_gauss.T, cells, out[name])
+    return out
