@@ -390,3 +390,14 @@ def test_loop_area_has_one_maximum_over_the_rate(tmp_path, monkeypatch, capsys):
         assert list(signs) == sorted(signs, reverse=True), loop  # up, then down
         assert signs[0] == 1
         assert signs[-1] == -1
+
+
+def test_tension_counts_the_branches(run):
+    """The film's tension in the history is that of the stored fields, branches included."""
+    relaxed = history(materials__film__branches="[]")
+    step = int(run.history.index[run.history["time_s"] == 2][0])
+    row, (_, without) = run.history.loc[step], *relaxed[relaxed["time_s"] == 2].iterrows()
+    stored = run.arrays(run.stored_steps.index(step))["wrinkling_use"]
+    film = run.mesh.cells[run.mesh.in_region("film")]
+    assert stored[film].max() == pytest.approx(row["wrinkling_use"], rel=1e-3, abs=1e-3)
+    assert row["tension_min_MPa"] > 1.05 * without["tension_min_MPa"]

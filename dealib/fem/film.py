@@ -54,17 +54,20 @@ class FilmPoints:
         """Nodal values of the cells in the present state, (cells, nodes, columns)."""
         return self.layout.local()[self.cells]
 
-    def tensions(self, k: local.Kinematics, pressure: Array | None) -> Array:
+    def tensions(
+        self, k: local.Kinematics, pressure: Array | None, internal: Array | None
+    ) -> Array:
         """In-plane true stresses, averaged through the thickness (collective).
 
         Args:
             k: Deformation and field.
             pressure: The mixed form's p, (cells, points).
+            internal: C_i of Maxwell branches, (cells, points, branches, 4).
 
         Returns:
             Shape (columns, 2).
         """
-        return self.columns.average(self.film.tensions(k, pressure), k, self._total)
+        return self.columns.average(self.film.tensions(k, pressure, internal), k, self._total)
 
     def _total(self, mine: Array) -> Array:
         total = np.empty_like(mine)

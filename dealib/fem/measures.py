@@ -84,7 +84,9 @@ class Snapshot:
         """In-plane true stresses of the film, averaged through its thickness, (columns, 2)."""
         mixed = self.nodal.shape[-1] > 3
         pressure = self.nodal[..., 3] @ self.points.points.N.T if mixed else None
-        return self.points.tensions(self.film, pressure)
+        viscosity, cells = self.viscosity, self.points.cells
+        internal = None if viscosity is None else viscosity.of_cells("film", cells)
+        return self.points.tensions(self.film, pressure, internal)
 
     @cached_property
     def principal_stretch(self) -> Any:

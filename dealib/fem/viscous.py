@@ -233,6 +233,20 @@ class Viscosity:
             return None
         return np.asarray(whole[local.branch_cells(self._problem.config, self._layout.mesh)])
 
+    def of_cells(self, kind: str, cells: Any) -> Array | None:
+        """C_i at the Gauss points of local cells, (cells, points, branches, 4).
+
+        Args:
+            kind: Kind of their region; None is returned if it has no branches.
+            cells: The cells.
+        """
+        if kind not in self._parts:
+            return None
+        part = self._parts[kind]
+        order = np.argsort(part.cells)
+        index = order[np.searchsorted(part.cells, cells, sorter=order)]
+        return self.at_gauss(np.moveaxis(part.internal[:, index], 0, 2))
+
     def at_gauss(self, gathered: Array) -> Array:
         """The same at the cells' Gauss points, at which fields are derived."""
         cell: Cell = self._layout.cell

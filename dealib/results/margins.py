@@ -64,15 +64,20 @@ class Film:
         p = self.prestretch
         return np.hypot(F[..., 0, 0], F[..., 1, 0]) * p[0], F[..., 2, 2] * p[2]
 
-    def tensions(self, k: local.Kinematics, pressure: Array | None = None) -> Array:
-        """In-plane true stresses, elastic plus Maxwell, (..., 2), MPa.
+    def tensions(
+        self, k: local.Kinematics, pressure: Array | None = None, internal: Array | None = None
+    ) -> Array:
+        """In-plane true stresses of the material plus Maxwell's, (..., 2), MPa.
 
         Args:
             k: Deformation and field.
             pressure: The mixed form's p, (...).
+            internal: C_i of its Maxwell branches, (..., branches, 4), if it has some.
         """
         m = self.material
         S = local.second_pk(self.law, k.F, m.prestretch, pressure)
+        if internal is not None:
+            S += local.branches_pk(m.branches, k.F, internal, m.prestretch)
         total = local.cauchy(k.F, S) + local.maxwell(m.permittivity_at(k.F), k.e)
         if m.slope:
             total += local.electrostriction(m.slope, m.area_stretch(k.F), k.F, k.e)
@@ -209,7 +214,9 @@ def face(corners: Array, top: float) -> Array:
 # --- fields --------------------------------------------------------------------------------------
 
 
-def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
+def fields(
+    config: Config, mesh: ResultMesh, state: Array, internal: Array | None = None
+) -> dict[str, Array]:
     """Nodal margins of the film, 0 elsewhere: those of the history, pointwise.
 
     `wrinkling_use` is constant through the thickness, as its stress is; `tension`, the smallest
@@ -219,13 +226,18 @@ def fields(config: Config, mesh: ResultMesh, state: Array) -> dict[str, Array]:
         config: The config of the run.
         mesh: Mesh of the results.
         state: Nodal values, (nodes, 3 or 4).
+        internal: As for `dealib.results.fields`.
     """
     film, cells = Film.of(config), mesh.in_region("film")
     points = local.Points.of(mesh.cell, mesh.corners[cells], mesh.cell.gauss)
     nodal = state[mesh.cells[cells]]
     k = points.kinematics(nodal[..., :2], nodal[..., 2])
     pressure = nodal[..., 3] @ points.N.T if state.shape[1] > 3 else None
-    tensions = film.tensions(k, pressure)
+    if internal is not None and film.material.branches:
+        internal = internal[np.searchsorted(local.branch_cells(config, mesh), cells)]
+    else:
+        internal = None
+    tensions = film.tensions(k, pressure, internal)
     edges = face(mesh.corners[cells], float(mesh.corners[cells][..., 1].max()))
     columns = Columns.of(edges, mesh.corners[cells], points.position)
     wrinkling = film.wrinkling(columns.average(tensions, k))

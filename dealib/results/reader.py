@@ -124,8 +124,9 @@ class Run:
         from dealib.results.fields import fields
 
         state = self.state(index)
-        found = fields(self.config, self.mesh, state, self.internal(index))
-        return found | margins.fields(self.config, self.mesh, state)
+        internal = self.internal(index)
+        found = fields(self.config, self.mesh, state, internal)
+        return found | margins.fields(self.config, self.mesh, state, internal)
 
     def fields(self, index: int = -1) -> pyvista.UnstructuredGrid:
         """A pyvista grid of the index-th stored step, with all fields; points undeformed."""
