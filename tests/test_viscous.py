@@ -400,4 +400,4 @@ def test_tension_counts_the_branches(run):
     stored = run.arrays(run.stored_steps.index(step))["wrinkling_use"]
     film = run.mesh.cells[run.mesh.in_region("film")]
     assert stored[film].max() == pytest.approx(row["wrinkling_use"], rel=1e-3, abs=1e-3)
-    assert row["tension_min_MPa"] > 1.05 * without["tension_min_MPa"]
+    assert row["tension_min_MPa"] > 1.02 * without["tension_min_MPa"]
