@@ -1,19 +1,20 @@
-"""The quantities behind the thesis's windows, by the membrane or by the finite-element model."""
+"""The thesis's devices, by the membrane or by the finite-element model."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 from membrane import Coupling, Layer, Membrane
 
-from dealib.units import GRAVITY
-
 VOLTS = 2.5  # kV, the largest
-MASSES = (5.0, 10.0, 15.0, 20.0, 28.0)  # g, Fig. 31
+MASSES = (5.0, 10.0, 15.0, 20.0, 25.0, 28.0)  # g, Fig. 31
 MODULI = {"nh": (1.0, 3.0), "mr": (1.25, 2.0)}  # MPa, film and electrodes as the thesis chose
+COUPLINGS: tuple[Coupling, ...] = get_args(Coupling)
 CONFIG = Path(__file__).parent.parent / "deap100.yaml"
 
 
@@ -30,6 +31,7 @@ class Parameters:
     outer_100: float = 12.35
     inner_200: float = 16.8
     outer_200: float = 25.4
+    preload_12: float = 0.15
     preload_23: float = 0.35
     preload_36: float = 0.06
     displacement_35: float = 1.3
@@ -97,9 +99,11 @@ class Reached:
     C: float
     charge_density: float
     radial_stress: float
+    electrode_stress: float = 0.0
 
 
 Solver = Callable[[Device, Sequence[Target]], list[Reached]]
+Solvers = Mapping[Coupling, Solver]
 
 
 def cached(solve: Solver) -> Solver:
@@ -151,13 +155,28 @@ def by_membrane(coupling: Coupling = "energy") -> Solver:
             u, V = float(model.q[0, 1]), t.V
             F = float(model.residual(V)[0][0, 1])
             sigma = model.charge_density(V) if V else 0.0
-            out.append(Reached(u, F, model.capacitance(), sigma, model.radial_stress()))
+            stresses = [model.radial_stress(k) for k in range(len(model.layers))]
+            out.append(Reached(u, F, model.capacitance(), sigma, *stresses))
         return out
 
     return cached(solve)
 
 
-def by_finite_elements(device: Device, targets: Sequence[Target]) -> list[Reached]:
+def membranes() -> dict[Coupling, Solver]:
+    """The membrane model by coupling."""
+    return {coupling: by_membrane(coupling) for coupling in COUPLINGS}
+
+
+def finite_elements() -> dict[Coupling, Solver]:
+    """The finite-element model by coupling."""
+    return {
+        coupling: cached(partial(by_finite_elements, coupling=coupling)) for coupling in COUPLINGS
+    }
+
+
+def by_finite_elements(
+    device: Device, targets: Sequence[Target], coupling: str = "energy"
+) -> list[Reached]:
     """The same by dealib without air: 20 x 2 film cells, 0.1 % off the mesh of the configs."""
     import dealib
 
@@ -182,6 +201,7 @@ def by_finite_elements(device: Device, targets: Sequence[Target]) -> list[Reache
             "materials.film": f"{{law: {law}, youngs_modulus: {d.film_modulus} MPa, "
             f"relative_permittivity: {d.permittivity}, prestretch: {d.prestretch}}}",
             "materials.electrode": f"{{law: {law}, youngs_modulus: {MODULI[d.law][1]} MPa}}",
+            "physics.coupling": coupling,
             "program": f"[{', '.join(program)}]",
         },
     )
@@ -193,76 +213,22 @@ def by_finite_elements(device: Device, targets: Sequence[Target]) -> list[Reache
             continue
         row, mesh = state.row, state.simulation.layout.mesh
         found = fields(case.config, mesh, state.nodal())
-        nodes = np.unique(mesh.cells[mesh.in_region("film")])
-        share = (mesh.points[nodes, 0] - d.inner) / (d.outer - d.inner)
-        middle = nodes[np.abs(share - 0.5) < 0.1]
+        share = (mesh.points[:, 0] - d.inner) / (d.outer - d.inner)
+        middle = {
+            region: np.intersect1d(
+                mesh.cells[mesh.in_region(region)], np.flatnonzero(np.abs(share - 0.5) < 0.1)
+            )
+            for region in ("film", "top_electrode")[: 2 if d.electrode_thickness else 1]
+        }
+        stresses = [found["second_pk_stress"][nodes, 0, 0].mean() for nodes in middle.values()]
+        charge = np.linalg.norm(found["D"][middle["film"]], axis=1).mean()
         out.append(
             Reached(
-                u=-row["displacement_mm"],
-                F=-row["force_N"],
-                C=row["capacitance_pF"],
-                charge_density=float(np.linalg.norm(found["D"][middle], axis=1).mean()),
-                radial_stress=float(found["second_pk_stress"][middle, 0, 0].mean()),
+                -row["displacement_mm"],
+                -row["force_N"],
+                row["capacitance_pF"],
+                float(charge),
+                *map(float, stresses),
             )
         )
     return out
-
-
-def quantities(p: Parameters, solve: Solver) -> dict[str, float]:
-    """Every quantity that a window asks for."""
-    q: dict[str, float] = {
-        "outer_75": p.outer_75,
-        "outer_100": p.outer_100,
-        "outer_200": p.outer_200,
-        "length_100": p.outer_100 - p.inner_100,
-        "length_200": p.outer_200 - p.inner_200,
-        "film_um": 1e3 * p.film_thickness,
-        "permittivity": p.permittivity,
-        "preload23_N": p.preload_23,
-    }
-    push = [Target(u=1.0), Target(u=2.0), Target(u=3.0)]
-    for law, modulus, name in (("nh", 1.0, "nh1"), ("nh", 1.5, "nh15"), ("mr", 1.25, "mr125"),
-                               ("mr", 1.5, "mr15")):  # fmt: skip
-        alone = Device.of(p, law=law, film_modulus=modulus, electrode_thickness=0.0)
-        q[f"film_{name}_F3"] = solve(alone, push)[-1].F
-    q["film_closeness"] = _difference(q["film_mr125_F3"], q["film_nh1_F3"])
-    charges, stresses = {}, {}
-    for size, law in ((100, "nh"), (100, "mr"), (75, "nh"), (75, "mr"), (200, "nh")):
-        tag = law if size == 100 else f"{law}{size}"
-        path = [Target(u=0.001), Target(u=1), Target(u=2), Target(u=2, V=VOLTS), Target(u=2)]
-        path += [Target(u=2.5), Target(u=3)]
-        if tag == "nh75":
-            path += [Target(u=p.displacement_35), Target(u=p.displacement_35, V=VOLTS)]
-        rest, _, held, driven, _, more, last, *other = solve(Device.of(p, size, law), path)
-        q[f"{tag}_F2"], q[f"{tag}_F3"] = held.F, last.F
-        q[f"{tag}_blocking"] = held.F - driven.F
-        if other:
-            q[f"{tag}_blocking_35"] = other[0].F - other[1].F
-        if law == "nh":
-            q[f"C{size}_0"], q[f"C{size}_25"] = rest.C, more.C
-            q[f"charge_{size}"] = charges[size] = driven.charge_density
-            stresses[size] = held.radial_stress
-    q["closeness"] = _difference(q["mr_F3"], q["nh_F3"])
-    q["closeness_75"] = _difference(q["mr75_F3"], q["nh75_F3"])
-    q["charge_spread"] = max(charges.values()) / min(charges.values()) - 1
-    q["field"] = charges[100] / (8.8541878128e-6 * p.permittivity)
-    q["S_100_75"], q["S_200_100"] = stresses[100] / stresses[75], stresses[200] / stresses[100]
-    for law in ("nh", "mr"):
-        weights = [1e-3 * m * GRAVITY for m in MASSES]
-        extra = [p.preload_23] if law == "nh" else []
-        path = [Target(F=F, V=V) for F in [*weights, *extra] for V in (0.0, VOLTS, 0.0)]
-        states = solve(Device.of(p, law=law), path)
-        strokes = [states[k + 1].u - states[k].u for k in range(0, len(states), 3)]
-        q |= {f"{law}_stroke_{m:g}": s for m, s in zip(MASSES, strokes, strict=False)}
-        q[f"{law}_stroke_10_5"] = strokes[1] / strokes[0]
-        q[f"{law}_stroke_28_10"] = strokes[4] / strokes[1]
-        if law == "nh":
-            q["preload23_u"] = states[-2].u
-    for um in (10, 15, 20):
-        device = Device.of(p, electrode_thickness=um / 1000)
-        q[f"preload36_u{um}"] = solve(device, [Target(F=p.preload_36)])[-1].u
-    return q
-
-
-def _difference(a: float, b: float) -> float:
-    return 2 * (a - b) / (a + b)
