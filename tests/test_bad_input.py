@@ -201,6 +201,13 @@ EDITS = [
     ("air lower than the stroke", "6 mm", "2 mm",
      "7:15: geometry.air_height: 2 mm of air are too low for the displacement of 2 mm in stage "
      "'push'; twice the stroke works well", "2 mm"),
+    # tables
+    ("tables of one voltage", "program:",
+     "tables: {displacement: [0 mm, -1 mm], voltage: [2 kV, 2 kV]}\nprogram:",
+     "19:48: tables.voltage: the first and the last value must differ", "[2 kV"),
+    ("tables of two points", "program:",
+     "tables: {displacement: [0 mm, 1 mm], voltage: [0 V, 2 kV], points: [9, 2]}\nprogram:",
+     "19:72: tables.points.1: must be at least 3, not 2", "2]"),
     # program
     ("pre-strain not first", "{stage: prestrain}", "{stage: hold}\n  - {stage: prestrain}",
      "21:13: program.1.stage: prestrain can only be the first stage", "prestrain"),

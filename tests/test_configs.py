@@ -22,6 +22,7 @@ CONFIG_NAMES = {
     "own_mesh",
     "pull_in",
     "snap_through",
+    "tables",
 }
 
 

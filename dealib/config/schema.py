@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
+import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -24,7 +25,7 @@ from dealib.materials.branches import Viscoelastic
 from dealib.materials.laws import LAWS, Law, invariants_of_stretches
 from dealib.materials.library import library
 from dealib.materials.permittivity import RelativePermittivity, StretchPermittivity
-from dealib.units import Length, Stress
+from dealib.units import Length, Stress, Voltage
 
 
 def _plain_name(name: str) -> str:
@@ -292,6 +293,9 @@ class Solver(Section):
     )
 
 
+Points = Annotated[int, Field(ge=3)]
+
+
 # --- the whole -----------------------------------------------------------------------------------
 
 
@@ -302,6 +306,30 @@ class Output(Section):
     fields: Literal["every", "stage", "none"] = Field(
         "every", description="store fields each step, at the end of each stage, or never"
     )
+
+
+class Tables(Section):
+    """Tables F(u, V), Q(u, V), C(u, V) for system simulation, made by `dealib export`."""
+
+    displacement: tuple[Length, Length] = Field(description="of the mount: first and last")
+    voltage: tuple[Voltage, Voltage] = Field(description="of the terminal: first and last")
+    points: tuple[Points, Points] = Field(
+        (13, 9), description="numbers of displacements and of voltages, equally spaced"
+    )
+
+    @property
+    def grid(self) -> tuple[Any, Any]:
+        """Displacements and voltages from the first to the last, as arrays."""
+        ends = (self.displacement, self.voltage)
+        return tuple(np.linspace(*e, n) for e, n in zip(ends, self.points, strict=True))  # type: ignore[return-value]
+
+    @model_validator(mode="after")
+    def _ranges(self) -> Tables:
+        for axis in ("displacement", "voltage"):
+            first, last = getattr(self, axis)
+            if first == last:
+                raise ValueAt((axis,), "the first and the last value must differ")
+        return self
 
 
 class Config(Section):
@@ -316,6 +344,7 @@ class Config(Section):
     solver: Solver = Solver()
     program: tuple[Stage, ...] = Field(min_length=1)
     output: Output = Output()
+    tables: Tables | None = Field(None, description="for system simulation; see dealib export")
 
     @property
     def directory(self) -> str:
