@@ -115,6 +115,10 @@ EDITS = [
     ("pre-stretch of three", "prestretch: 1.1", "prestretch: [1.1, 1.2, 1.3]",
      "15:17: materials.film.prestretch: expected a number such as 1.15, or two: [radial, hoop]",
      "[1.1"),
+    ("pre-stretch of an unstable law", "law: neo_hookean\n    youngs_modulus: 1 MPa",
+     "law: yeoh\n    c10: 1 kPa\n    c20: -1 MPa\n    bulk_modulus: 1 MPa",
+     "17:17: materials.film.prestretch: yeoh with these parameters is not stable there: at no "
+     "thickness is the film free of stress across", "1.1"),
     ("pre-stretch", "prestretch: 1.1", "prestretch: 0.2",
      "15:17: materials.film.prestretch: must be at least 0.5, not 0.2", "0.2"),
     ("value for a section", "mesh:\n  columns: 8", "mesh: fine",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
@@ -25,6 +26,7 @@ from dealib.materials.branches import Viscoelastic
 from dealib.materials.laws import LAWS, Law, invariants_of_stretches
 from dealib.materials.library import library
 from dealib.materials.permittivity import RelativePermittivity, StretchPermittivity
+from dealib.materials.prestretch import thickness_range
 from dealib.units import Length, Stress, Voltage
 
 
@@ -161,13 +163,32 @@ class FilmProperties(Named):
         return StretchPermittivity(intercept=given, slope=0.0)
 
 
-def _choice(bases: tuple[type, ...], suffix: str) -> Any:
-    """One model a law, chosen by the key `law`."""
+def _complete(given: object, only: tuple[str, ...]) -> object:
+    """A material with what the library adds to it: its law's values, and those other keys."""
+    if not isinstance(given, dict) or not isinstance(given.get("library"), str):
+        return given
+    name = given["library"]
+    if name not in library():
+        hint = did_you_mean(name, library())
+        raise ValueAt(("library",), f"unknown material {name!r}{hint}")
+    law = library()[name].values["law"]
+    if given.get("law", law) != law:
+        raise ValueAt(("law",), f"the law of {name} is {law}; drop law, or library")
+    return library()[name].with_changes(given, only)
+
+
+def _choice(bases: tuple[type[BaseModel], ...], suffix: str) -> Any:
+    """One model a law, chosen by the key `law`, or by a material of the library."""
     models: Any = tuple(
         create_model(f"{law.__name__}{suffix}", __base__=(law, *bases), __doc__=law.__doc__)
         for law in LAWS.values()
     )
-    return Annotated[Union[models], Field(discriminator="law")]  # noqa: UP007 - built at run time
+    own = tuple(name for base in bases for name in base.model_fields)
+    return Annotated[
+        Union[models],  # noqa: UP007 - built at run time
+        Field(discriminator="law"),
+        BeforeValidator(functools.partial(_complete, only=own)),
+    ]
 
 
 if TYPE_CHECKING:
@@ -199,20 +220,6 @@ def _or_named(node: dict[str, Any]) -> None:
     )
 
 
-def _complete(given: dict[str, Any], region: str) -> dict[str, Any]:
-    """A region's material with what the library adds to it."""
-    name = given["library"]
-    if name not in library():
-        hint = did_you_mean(name, library())
-        raise ValueAt((region, "library"), f"unknown material {name!r}{hint}")
-    entry = library()[name]
-    law = entry.values["law"]
-    if given.get("law", law) != law:
-        raise ValueAt((region, "law"), f"the law of {name} is {law}; drop law, or library")
-    of_film = tuple(FilmProperties.model_fields) if region == "film" else ()
-    return entry.with_changes(given, (*Viscoelastic.model_fields, *of_film))
-
-
 class Materials(Section):
     """Materials by region."""
 
@@ -225,23 +232,18 @@ class Materials(Section):
         json_schema_extra=_or_named,
     )
 
-    @model_validator(mode="before")
-    @classmethod
-    def _from_library(cls, data: Any) -> Any:
-        if not isinstance(data, dict):
-            return data
-        return data | {
-            region: _complete(given, region)
-            for region, given in data.items()
-            if isinstance(given, dict) and isinstance(given.get("library"), str)
-        }
-
     @model_validator(mode="after")
     def _possible(self) -> Materials:
         radial, hoop = self.film.prestretch
         mounted = invariants_of_stretches(radial, hoop, 1 / (radial * hoop))
         if self.film.extension(mounted, self.film.values) >= 1:
             raise ValueAt(("film", "prestretch"), f"{self.film.law} locks before this stretch")
+        if thickness_range(self.film, radial, hoop) is None:
+            raise ValueAt(
+                ("film", "prestretch"),
+                f"{self.film.law} with these parameters is not stable there: at no thickness is "
+                "the film free of stress across",
+            )
         for stretch in (1.0, (radial * hoop) ** 0.5):
             if self.film.permittivity.at(stretch) <= 0:
                 raise ValueAt(
