@@ -123,7 +123,7 @@ def test_acrylic_membrane():
     """The shipped config, pre-stretched to 3: tension by hand, stroke without locking."""
     h = history("acrylic")
     assert h.loc[0, "thickness_stretch_min"] == pytest.approx(1 / 9, rel=0.01)
-    # sigma = G L / (3 c) beta(c / L) (l^2 - l^-4) with c = sqrt(I1 / 3); F / u = 2 pi sigma h / ln 2
+    # sigma = G L/(3 c) beta(c/L) (l^2 - l^-4) with c = sqrt(I1/3); F/u = 2 pi sigma h/ln 2
     c = np.sqrt((2 * 9 + 3.0**-4) / 3)
     b = brentq(lambda b: 1 / np.tanh(b) - 1 / b - c / 5.99, 0.1, 10)
     sigma = 15.36e-3 * 5.99 / (3 * c) * b * (9 - 3.0**-4)
