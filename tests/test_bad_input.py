@@ -143,9 +143,8 @@ EDITS = [
     ("a material without permittivity",
      "law: neo_hookean\n    youngs_modulus: 1 MPa\n    relative_permittivity: 3.0",
      "library: deap_film",
-     "11:3: materials.film.relative_permittivity: this key is missing: of the film: a number, or "
-     "{intercept: a, slope: b} for a + b * stretch, the stretch being the square root of the "
-     "film's growth in area", "film:"),
+     "11:3: materials.film.relative_permittivity: this key is missing: of the film; {intercept: a, "
+     "slope: b} if it is a + b * stretch", "film:"),
     ("unknown law", "law: neo_hookean\n    youngs_modulus: 1", "law: neohookean\n    x: 1",
      "12:10: materials.film.law: unknown law 'neohookean'; did you mean 'neo_hookean'?",
      "neohookean"),

@@ -146,8 +146,7 @@ class FilmProperties(Named):
     """What the film has besides its law."""
 
     relative_permittivity: RelativePermittivity = Field(
-        description="of the film: a number, or {intercept: a, slope: b} for a + b * stretch, the "
-        "stretch being the square root of the film's growth in area"
+        description="of the film; {intercept: a, slope: b} if it is a + b * stretch"
     )
     prestretch: Annotated[
         tuple[Stretch, Stretch],
