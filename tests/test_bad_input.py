@@ -208,6 +208,11 @@ EDITS = [
     ("tables of one voltage", "program:",
      "tables: {displacement: [0 mm, -1 mm], voltage: [2 kV, 2 kV]}\nprogram:",
      "19:48: tables.voltage: the first and the last value must differ", "[2 kV"),
+    ("tables of a viscous film", "materials:\n  film:\n",
+     "tables: {displacement: [0 mm, 1 mm], voltage: [0 V, 2 kV]}\nmaterials:\n  film:\n"
+     "    branches: [{shear_modulus: 1 MPa, relaxation_time: 1 s}]\n",
+     "10:9: tables: materials.film has branches: its force depends on time, which tables lack",
+     "{displacement"),
     ("tables of two points", "program:",
      "tables: {displacement: [0 mm, 1 mm], voltage: [0 V, 2 kV], points: [9, 2]}\nprogram:",
      "19:72: tables.points.1: must be at least 3, not 2", "2]"),
