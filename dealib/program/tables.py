@@ -22,7 +22,7 @@ def tables_case(case: Case) -> Case:
     config = case.config
     if config.tables is None:
         raise ConfigError(
-            f"{case.path}: the key tables is missing; it gives displacements and voltages, such as "
+            f"{case.path}: the key tables is missing; it gives displacements and voltages, such as"
             " tables: {displacement: [0 mm, -2 mm], voltage: [0 V, 2 kV], points: [9, 9]}"
         )
     displacements, voltages = config.tables.grid
