@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from dealib.program import Simulation, State, simulate
     from dealib.results.reader import Run
     from dealib.results.reader import Run as open
+    from dealib.results.tables import load as tables
 
 __all__ = [
     "Case",
@@ -30,6 +31,7 @@ __all__ = [
     "load",
     "open",
     "simulate",
+    "tables",
 ]
 
 # name -> (module, attribute): imported when first asked for, since dolfinx takes seconds
@@ -41,6 +43,7 @@ _LAZY = {
     "NotConverged": ("dealib.errors", "NotConverged"),
     "Run": ("dealib.results.reader", "Run"),
     "open": ("dealib.results.reader", "Run"),
+    "tables": ("dealib.results.tables", "load"),
     "Simulation": ("dealib.program", "Simulation"),
     "State": ("dealib.program", "State"),
     "simulate": ("dealib.program", "simulate"),

@@ -115,6 +115,10 @@ EDITS = [
     ("pre-stretch of three", "prestretch: 1.1", "prestretch: [1.1, 1.2, 1.3]",
      "15:17: materials.film.prestretch: expected a number such as 1.15, or two: [radial, hoop]",
      "[1.1"),
+    ("pre-stretch of an unstable law", "law: neo_hookean\n    youngs_modulus: 1 MPa",
+     "law: yeoh\n    c10: 1 kPa\n    c20: -1 MPa\n    bulk_modulus: 1 MPa",
+     "17:17: materials.film.prestretch: yeoh with these parameters is not stable there: at no "
+     "thickness is the film free of stress across", "1.1"),
     ("pre-stretch", "prestretch: 1.1", "prestretch: 0.2",
      "15:17: materials.film.prestretch: must be at least 0.5, not 0.2", "0.2"),
     ("value for a section", "mesh:\n  columns: 8", "mesh: fine",
@@ -139,9 +143,8 @@ EDITS = [
     ("a material without permittivity",
      "law: neo_hookean\n    youngs_modulus: 1 MPa\n    relative_permittivity: 3.0",
      "library: deap_film",
-     "11:3: materials.film.relative_permittivity: this key is missing: of the film: a number, or "
-     "{intercept: a, slope: b} for a + b * stretch, the stretch being the square root of the "
-     "film's growth in area", "film:"),
+     "11:3: materials.film.relative_permittivity: this key is missing: of the film; {intercept: a, "
+     "slope: b} if it is a + b * stretch", "film:"),
     ("unknown law", "law: neo_hookean\n    youngs_modulus: 1", "law: neohookean\n    x: 1",
      "12:10: materials.film.law: unknown law 'neohookean'; did you mean 'neo_hookean'?",
      "neohookean"),
@@ -201,6 +204,18 @@ EDITS = [
     ("air lower than the stroke", "6 mm", "2 mm",
      "7:15: geometry.air_height: 2 mm of air are too low for the displacement of 2 mm in stage "
      "'push'; twice the stroke works well", "2 mm"),
+    # tables
+    ("tables of one voltage", "program:",
+     "tables: {displacement: [0 mm, -1 mm], voltage: [2 kV, 2 kV]}\nprogram:",
+     "19:48: tables.voltage: the first and the last value must differ", "[2 kV"),
+    ("tables of a viscous film", "materials:\n  film:\n",
+     "tables: {displacement: [0 mm, 1 mm], voltage: [0 V, 2 kV]}\nmaterials:\n  film:\n"
+     "    branches: [{shear_modulus: 1 MPa, relaxation_time: 1 s}]\n",
+     "10:9: tables: materials.film has branches: its force depends on time, which tables lack",
+     "{displacement"),
+    ("tables of two points", "program:",
+     "tables: {displacement: [0 mm, 1 mm], voltage: [0 V, 2 kV], points: [9, 2]}\nprogram:",
+     "19:72: tables.points.1: must be at least 3, not 2", "2]"),
     # program
     ("pre-strain not first", "{stage: prestrain}", "{stage: hold}\n  - {stage: prestrain}",
      "21:13: program.1.stage: prestrain can only be the first stage", "prestrain"),

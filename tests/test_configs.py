@@ -7,6 +7,7 @@ from conftest import CONFIGS, case, history
 from dealib.units import EPSILON_0, GRAVITY
 
 CONFIG_NAMES = {
+    "acrylic",
     "bias_double_cone",
     "bias_negative_rate",
     "benchmark_strip",
@@ -23,6 +24,7 @@ CONFIG_NAMES = {
     "own_mesh",
     "pull_in",
     "snap_through",
+    "tables",
 }
 
 

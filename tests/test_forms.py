@@ -23,8 +23,14 @@ from dealib.geometry.model import gmsh_model
 HERE = Path(__file__).parent
 SMALL = {"mesh__columns": 16, "mesh__film_rows": 2}
 MIXED = {"physics__formulation": "mixed"}
+LAWS = {
+    "materials__film": "{law: ogden, mu: [0.3 MPa, -0.1 MPa], alpha: [1.5, -2.5], "
+    "bulk_modulus: 17 MPa, prestretch: 1.15, relative_permittivity: {intercept: 4, slope: -0.8}}",
+    "materials__electrode": "{law: arruda_boyce, youngs_modulus: 3 MPa, locking_stretch: 3}",
+}
 VARIANTS = [
     MIXED,
+    LAWS,
     {"physics__coupling": "maxwell_traction"},
     {"physics__coupling": "maxwell_traction", "geometry__electrode_thickness": "0 um"},
     {"physics__coupling": "pelrine"} | MIXED,

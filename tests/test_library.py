@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from conftest import CONFIGS, case, history
 from pydantic import TypeAdapter
+from scipy.optimize import brentq
 
 import dealib
 from dealib.config import resolved
-from dealib.config.schema import ElectrodeMaterial, Materials
+from dealib.config.materials import ElectrodeMaterial, Materials
 from dealib.materials.library import library
 from dealib.materials.response import response
 from dealib.units import EPSILON_0
@@ -116,3 +117,25 @@ def test_elastosil_membrane():
     rest = h.loc[before, "displacement_mm"]
     assert h["displacement_mm"].iloc[-1] == pytest.approx(rest, rel=1e-7)
     assert 60 < h.loc[peak, "field_max_MV_per_m"] < 130  # 3 kV over 50 um that thins to 26
+
+
+def test_acrylic_membrane():
+    """The shipped config, pre-stretched to 3: tension by hand, stroke without locking."""
+    h = history("acrylic")
+    assert h.loc[0, "thickness_stretch_min"] == pytest.approx(1 / 9, rel=0.01)
+    # sigma = G L/(3 c) beta(c/L) (l^2 - l^-4) with c = sqrt(I1/3); F/u = 2 pi sigma h/ln 2
+    c = np.sqrt((2 * 9 + 3.0**-4) / 3)
+    b = brentq(lambda b: 1 / np.tanh(b) - 1 / b - c / 5.99, 0.1, 10)
+    sigma = 15.36e-3 * 5.99 / (3 * c) * b * (9 - 3.0**-4)
+    stiffness = 2 * np.pi * sigma * 0.111 / np.log(2)
+    assert h.loc[1, "force_N"] / h.loc[1, "displacement_mm"] == pytest.approx(stiffness, rel=0.03)
+    on = h[h["stage"] == "actuate"]
+    assert on["voltage_kV"].iloc[-1] == pytest.approx(4)
+    assert -2 < on["displacement_mm"].iloc[-1] - h.loc[10, "displacement_mm"] < -1
+    assert 3 < h["stretch_max"].max() < 4
+    assert h["newton_iterations"].max() <= 7
+
+
+def test_materials_of_studies_may_come_from_the_library():
+    given = TypeAdapter(ElectrodeMaterial).validate_python({"library": "vhb_4910"})
+    assert (given.law, given.locking_stretch) == ("arruda_boyce", 5.99)

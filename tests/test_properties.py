@@ -13,7 +13,8 @@ from pydantic import TypeAdapter
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.apply_derivatives import apply_derivatives
 
-from dealib.config.schema import Config, FilmMaterial
+from dealib.config.materials import FilmMaterial
+from dealib.config.schema import Config
 from dealib.fem.energies import Hyperelastic, IdealDielectric, MeshElasticity
 from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem, shear_modulus

@@ -126,6 +126,25 @@ def compare(
 
 
 @app.command()
+def export(
+    config: ConfigFile,
+    set: Set = None,
+    out: Annotated[Path | None, typer.Option(help="directory; default RUN-tables")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier tables")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="go on with unfinished tables")] = False,
+) -> None:
+    """Tables F(u, V), Q(u, V), C(u, V) of a config for system simulation: CSV, HDF5, MAT.
+
+    The config's `tables` gives the grid. dealib.tables(DIRECTORY) reads them back in Python, with
+    an interpolant whose force and charge come from one energy.
+    """
+    from dealib.cli.export import export as write
+    from dealib.config import load
+
+    write(load(config, set), out, overwrite=overwrite, resume=resume)
+
+
+@app.command()
 def calibrate(
     fit: Annotated[Path, typer.Argument(metavar="FIT", help="YAML file", readable=False)],
     out: Annotated[Path | None, typer.Option(help="directory; default the fit's")] = None,

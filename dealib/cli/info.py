@@ -52,7 +52,8 @@ def resume_command(run: Run) -> str:
     """The command that goes on with a run."""
     info = run.info
     overrides = [part for assignment in info["set"] for part in ("--set", assignment)]
-    words = ["dealib", "run", info["config"], *overrides, "--out", str(run.directory), "--resume"]
+    command = "export" if "export" in info["argv"][1:2] else "run"
+    words = ["dealib", command, info["config"], *overrides, "--out", str(run.directory), "--resume"]
     return shlex.join(words)
 
 

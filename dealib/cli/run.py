@@ -35,11 +35,27 @@ def run_case(
                 f"{simulation.steps_planned} steps; nothing solved, nothing written"
             )
         return
-    directory = Path(out or case.config.directory)
+    result = solve(
+        case, Path(out or case.config.directory), overwrite=overwrite, resume=resume, quiet=verbose
+    )
+    if comm.rank == 0:
+        typer.echo(summary(result))
+
+
+def solve(
+    case: Case, directory: Path, *, overwrite: bool, resume: bool, quiet: bool = False
+) -> Run:
+    """Run a case into a directory, with its progress unless quiet.
+
+    Raises:
+        NotConverged: With where the converged steps are.
+        Interrupted: With how to go on.
+    """
+    comm = MPI.COMM_WORLD
     # verbose shows the whole log, which has the steps
-    observers: list[Observer] = [Progress()] if comm.rank == 0 and not verbose else []
+    observers: list[Observer] = [Progress()] if comm.rank == 0 and not quiet else []
     try:
-        result = simulate(
+        return simulate(
             case,
             directory,
             overwrite=overwrite,
@@ -56,5 +72,3 @@ def run_case(
         if error.everywhere:
             message += "\nGo on with: " + resume_command(Run(directory))
         raise Interrupted(message, error.signal, error.everywhere) from None
-    if comm.rank == 0:
-        typer.echo(summary(result))

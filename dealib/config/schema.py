@@ -3,28 +3,18 @@
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
+from typing import Annotated, Literal
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    Field,
-    create_model,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, model_validator
 
 from dealib.config.bias import check_second_films
 from dealib.config.follow import check_branches
+from dealib.config.materials import Materials
 from dealib.config.program import Stage
 from dealib.config.section import Section
-from dealib.config.source import did_you_mean
 from dealib.config.stop import Condition
+from dealib.config.tables import Tables
 from dealib.errors import ValueAt
-from dealib.materials.branches import Viscoelastic
-from dealib.materials.laws import LAWS, Law, invariants_of_stretches
-from dealib.materials.library import library
-from dealib.materials.permittivity import RelativePermittivity, StretchPermittivity
 from dealib.units import ElectricField, Length, Stress
 
 
@@ -114,140 +104,6 @@ class Mesh(Section):
     file: str | None = Field(
         None, description="read this Gmsh mesh instead, with the same physical names"
     )
-
-
-# --- materials -----------------------------------------------------------------------------------
-
-
-def _pair(value: object) -> object:
-    if isinstance(value, (list, tuple)) and len(value) == 2:
-        return value
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise ValueError("expected a number such as 1.15, or two: [radial, hoop]")
-    return [value, value]
-
-
-Stretch = Annotated[float, Field(ge=0.5, le=10)]
-
-
-class Named(BaseModel):
-    """A material that may come from the library."""
-
-    library: str | None = Field(
-        None,
-        description="take what is not given from this published material (see dealib materials)",
-        json_schema_extra=lambda node: node.update({"enum": list(library())}),
-    )
-
-
-class FilmProperties(Named):
-    """What the film has besides its law."""
-
-    relative_permittivity: RelativePermittivity = Field(
-        description="of the film: a number, or {intercept: a, slope: b} for a + b * stretch, the "
-        "stretch being the square root of the film's growth in area"
-    )
-    prestretch: Annotated[
-        tuple[Stretch, Stretch],
-        BeforeValidator(_pair, json_schema_input_type=Stretch | tuple[Stretch, Stretch]),
-    ] = Field((1.0, 1.0), description="in-plane pre-stretch: equal-biaxial, or [radial, hoop]")
-
-    @property
-    def permittivity(self) -> StretchPermittivity:
-        """Relative permittivity as a function of stretch."""
-        given = self.relative_permittivity
-        if isinstance(given, StretchPermittivity):
-            return given
-        return StretchPermittivity(intercept=given, slope=0.0)
-
-
-def _choice(bases: tuple[type, ...], suffix: str) -> Any:
-    """One model a law, chosen by the key `law`."""
-    models: Any = tuple(
-        create_model(f"{law.__name__}{suffix}", __base__=(law, *bases), __doc__=law.__doc__)
-        for law in LAWS.values()
-    )
-    return Annotated[Union[models], Field(discriminator="law")]  # noqa: UP007 - built at run time
-
-
-if TYPE_CHECKING:
-
-    class FilmMaterial(Law, Viscoelastic, FilmProperties):
-        """A law and the film's properties."""
-
-        law: str
-
-    class ElectrodeMaterial(Law, Named, Viscoelastic):
-        """A law."""
-
-        law: str
-else:
-    FilmMaterial = _choice((Viscoelastic, FilmProperties), "Film")
-    ElectrodeMaterial = _choice((Named, Viscoelastic), "Electrode")
-
-
-def _or_named(node: dict[str, Any]) -> None:
-    """In the JSON schema: a material of the library needs no law."""
-    choices = node if "oneOf" in node else next(c for c in node["anyOf"] if "oneOf" in c)
-    choices["oneOf"].append(
-        {
-            "type": "object",
-            "properties": {"library": {"enum": list(library())}},
-            "required": ["library"],
-            "not": {"required": ["law"]},
-        }
-    )
-
-
-def _complete(given: dict[str, Any], region: str) -> dict[str, Any]:
-    """A region's material with what the library adds to it."""
-    name = given["library"]
-    if name not in library():
-        hint = did_you_mean(name, library())
-        raise ValueAt((region, "library"), f"unknown material {name!r}{hint}")
-    entry = library()[name]
-    law = entry.values["law"]
-    if given.get("law", law) != law:
-        raise ValueAt((region, "law"), f"the law of {name} is {law}; drop law, or library")
-    of_film = tuple(FilmProperties.model_fields) if region == "film" else ()
-    return entry.with_changes(given, (*Viscoelastic.model_fields, *of_film))
-
-
-class Materials(Section):
-    """Materials by region."""
-
-    film: FilmMaterial = Field(
-        description="law and dielectric properties of the film", json_schema_extra=_or_named
-    )
-    electrode: ElectrodeMaterial | None = Field(
-        None,
-        description="of both electrodes; needed if electrode_thickness is above zero",
-        json_schema_extra=_or_named,
-    )
-
-    @model_validator(mode="before")
-    @classmethod
-    def _from_library(cls, data: Any) -> Any:
-        if not isinstance(data, dict):
-            return data
-        return data | {
-            region: _complete(given, region)
-            for region, given in data.items()
-            if isinstance(given, dict) and isinstance(given.get("library"), str)
-        }
-
-    @model_validator(mode="after")
-    def _possible(self) -> Materials:
-        radial, hoop = self.film.prestretch
-        mounted = invariants_of_stretches(radial, hoop, 1 / (radial * hoop))
-        if self.film.extension(mounted, self.film.values) >= 1:
-            raise ValueAt(("film", "prestretch"), f"{self.film.law} locks before this stretch")
-        for stretch in (1.0, (radial * hoop) ** 0.5):
-            if self.film.permittivity.at(stretch) <= 0:
-                raise ValueAt(
-                    ("film", "relative_permittivity"), f"not above 0 at the stretch {stretch:.4g}"
-                )
-        return self
 
 
 # --- physics and solver --------------------------------------------------------------------------
@@ -348,6 +204,7 @@ class Config(Section):
         (), description="ends the run at a state that meets one"
     )
     output: Output = Output()
+    tables: Tables | None = Field(None, description="for system simulation; see dealib export")
 
     @property
     def directory(self) -> str:
@@ -374,6 +231,10 @@ class Config(Section):
         if self.physics.formulation == "mixed" and self.mesh.order != 2:
             raise ValueAt(("mesh", "order"), "physics.formulation: mixed needs order 2")
         self._air_above_stroke()
+        for region in ("film", "electrode") if self.tables is not None else ():
+            if getattr(getattr(self.materials, region), "branches", ()):
+                where = f"materials.{region} has branches"
+                raise ValueAt(("tables",), f"{where}: its force depends on time, which tables lack")
         check_branches(self.program, self.physics.coupling, self.materials)
         check_second_films(self)
         return self

@@ -140,7 +140,8 @@ def _lines(node: Node, values: Node, defs: Node, indent: str) -> Iterator[str]:
         elif given is not None:
             yield _line(indent, key, given, value)
         elif key not in node.get("required", ()) or not values:
-            yield _line(indent + "# ", key, value.get("default", f"<{kind(value)}>"), value)
+            blank = "<name>" if "enum" in value else f"<{kind(value)}>"
+            yield _line(indent + "# ", key, value.get("default", blank), value)
 
 
 def _chosen(value: Node, given: Any, defs: Node) -> Node:

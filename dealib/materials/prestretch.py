@@ -21,21 +21,29 @@ def thickness_stretch(law: Law, radial: float, hoop: float) -> float:
     """
     from scipy.optimize import brentq
 
-    p = law.values
-
-    def stress(lz: float) -> float:
-        h = 1e-30  # complex step: exact to rounding
-        return float(law.energy(invariants_of_stretches(radial, hoop, lz + 1j * h), p).imag / h)
-
     if radial == hoop == 1:
         return 1.0  # exactly: every law is stress-free at rest
-    ends = bracket(stress, 1 / (radial * hoop), 2.0)
+    ends = thickness_range(law, radial, hoop)
     if ends is None:
         raise ValueError(
-            f"{law.__class__.__name__}: no thickness stretch without thickness stress at the "
-            f"pre-stretch ({radial:g}, {hoop:g})"
+            f"{law.name()}: no thickness stretch without thickness stress at the pre-stretch "
+            f"({radial:g}, {hoop:g})"
         )
-    return float(brentq(stress, *ends, xtol=1e-15, rtol=1e-14))
+    return float(brentq(_thickness_stress(law, radial, hoop), *ends, xtol=1e-15, rtol=1e-14))
+
+
+def thickness_range(law: Law, radial: float, hoop: float) -> tuple[float, float] | None:
+    """Thickness stretches below and above the one without thickness stress; None without one."""
+    return bracket(_thickness_stress(law, radial, hoop), 1 / (radial * hoop), 2.0)
+
+
+def _thickness_stress(law: Law, radial: float, hoop: float) -> Callable[[float], float]:
+    p, h = law.values, 1e-30
+
+    def stress(lz: float) -> float:  # by a complex step: exact to rounding
+        return float(law.energy(invariants_of_stretches(radial, hoop, lz + 1j * h), p).imag / h)
+
+    return stress
 
 
 def bracket(

@@ -7,12 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from dealib.materials.laws import Law
-from dealib.materials.response import MODES, response, stability_limit
+from dealib.materials.response import MODES, locking_stretch, response, stability_limit
 from dealib.plots.style import plt, save, theme
 
 
 def draw_law(law: Law, name: str, largest: float, picture: Path, dark: bool = False) -> None:
-    """Draw a law's response up to a stretch; full up to the stability limit, dotted beyond it."""
+    """Draw a law's response up to a stretch; full up to the stability limit, dotted beyond it.
+
+    A dotted vertical line is where the law locks.
+    """
     stretches = np.linspace(1.0, largest, 201)
     with theme(dark) as look:
         figure, axes = plt.subplots(1, 2, figsize=(10, 4.5), layout="constrained")
@@ -21,6 +24,11 @@ def draw_law(law: Law, name: str, largest: float, picture: Path, dark: bool = Fa
             grid = np.sort(np.append(stretches, limit)) if limit < largest else stretches
             stresses = response(law, mode, grid)[:2]
             label = mode if np.isinf(limit) else f"{mode}, stable to {limit:.3f}"
+            end = locking_stretch(law, mode, largest)
+            if end < min(limit, largest):
+                label = f"{mode}, locks at {end:.3f}"
+                for axis in axes:
+                    axis.axvline(end, color=colour, lw=0.8, ls=":")
             for axis, stress in zip(axes, stresses, strict=True):
                 axis.plot(grid[grid <= limit], stress[grid <= limit], color=colour, label=label)
                 axis.plot(grid[grid >= limit], stress[grid >= limit], ":", color=colour)

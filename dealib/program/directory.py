@@ -24,7 +24,7 @@ from dealib.results.reader import Run
 
 # what a resumed run may change: nothing of it enters the equations (a mesh file is compared by
 # its mesh, not by its path)
-_FREE = ("name", "description", "output.", "solver.", "mesh.file")
+_FREE = ("name", "description", "output.", "solver.", "mesh.file", "tables.")
 
 
 def prepare(

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from dealib.config.schema import ElectrodeMaterial
+from dealib.config.materials import ElectrodeMaterial
 from dealib.config.section import Section
 from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression
 from dealib.units import Length, Time

@@ -37,12 +37,16 @@ _PLAIN = (
     "law",
     "j_lim",
     "locking_stretch",
+    "alpha",
     "branches",
 )
 
 
 def _in(section: dict[str, Any], unit: str) -> dict[str, Any]:
-    return {k: v if k in _PLAIN else f"{v!r} {unit}" for k, v in section.items()}
+    def text(value: Any) -> Any:
+        return [text(v) for v in value] if isinstance(value, list) else f"{value!r} {unit}"
+
+    return {k: v if k in _PLAIN else text(v) for k, v in section.items()}
 
 
 class Bench:

@@ -1,0 +1,147 @@
+"""Materials in the config: a law, the film's properties, what the library gives."""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING, Annotated, Any, Union
+
+from pydantic import BaseModel, BeforeValidator, Field, create_model, model_validator
+
+from dealib.config.section import Section
+from dealib.config.source import did_you_mean
+from dealib.errors import ValueAt
+from dealib.materials.branches import Viscoelastic
+from dealib.materials.laws import LAWS, Law, invariants_of_stretches
+from dealib.materials.library import library
+from dealib.materials.permittivity import RelativePermittivity, StretchPermittivity
+from dealib.materials.prestretch import thickness_range
+
+
+def _pair(value: object) -> object:
+    if isinstance(value, (list, tuple)) and len(value) == 2:
+        return value
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ValueError("expected a number such as 1.15, or two: [radial, hoop]")
+    return [value, value]
+
+
+Stretch = Annotated[float, Field(ge=0.5, le=10)]
+
+
+class Named(BaseModel):
+    """A material that may come from the library."""
+
+    library: str | None = Field(
+        None,
+        description="take what is not given from this published material (see dealib materials)",
+        json_schema_extra=lambda node: node.update({"enum": list(library())}),
+    )
+
+
+class FilmProperties(Named):
+    """What the film has besides its law."""
+
+    relative_permittivity: RelativePermittivity = Field(
+        description="of the film; {intercept: a, slope: b} if it is a + b * stretch"
+    )
+    prestretch: Annotated[
+        tuple[Stretch, Stretch],
+        BeforeValidator(_pair, json_schema_input_type=Stretch | tuple[Stretch, Stretch]),
+    ] = Field((1.0, 1.0), description="in-plane pre-stretch: equal-biaxial, or [radial, hoop]")
+
+    @property
+    def permittivity(self) -> StretchPermittivity:
+        """Relative permittivity as a function of stretch."""
+        given = self.relative_permittivity
+        if isinstance(given, StretchPermittivity):
+            return given
+        return StretchPermittivity(intercept=given, slope=0.0)
+
+
+def _complete(given: object, only: tuple[str, ...]) -> object:
+    """A material with what the library adds to it: its law's values, and those other keys."""
+    if not isinstance(given, dict) or not isinstance(given.get("library"), str):
+        return given
+    name = given["library"]
+    if name not in library():
+        hint = did_you_mean(name, library())
+        raise ValueAt(("library",), f"unknown material {name!r}{hint}")
+    law = library()[name].values["law"]
+    if given.get("law", law) != law:
+        raise ValueAt(("law",), f"the law of {name} is {law}; drop law, or library")
+    return library()[name].with_changes(given, only)
+
+
+def _choice(bases: tuple[type[BaseModel], ...], suffix: str) -> Any:
+    """One model a law, chosen by the key `law`, or by a material of the library."""
+    models: Any = tuple(
+        create_model(f"{law.__name__}{suffix}", __base__=(law, *bases), __doc__=law.__doc__)
+        for law in LAWS.values()
+    )
+    own = tuple(name for base in bases for name in base.model_fields)
+    return Annotated[
+        Union[models],  # noqa: UP007 - built at run time
+        Field(discriminator="law"),
+        BeforeValidator(functools.partial(_complete, only=own)),
+    ]
+
+
+if TYPE_CHECKING:
+
+    class FilmMaterial(Law, Viscoelastic, FilmProperties):
+        """A law and the film's properties."""
+
+        law: str
+
+    class ElectrodeMaterial(Law, Named, Viscoelastic):
+        """A law."""
+
+        law: str
+else:
+    FilmMaterial = _choice((Viscoelastic, FilmProperties), "Film")
+    ElectrodeMaterial = _choice((Named, Viscoelastic), "Electrode")
+
+
+def _or_named(node: dict[str, Any]) -> None:
+    """In the JSON schema: a material of the library needs no law."""
+    choices = node if "oneOf" in node else next(c for c in node["anyOf"] if "oneOf" in c)
+    choices["oneOf"].append(
+        {
+            "type": "object",
+            "properties": {"library": {"enum": list(library())}},
+            "required": ["library"],
+            "not": {"required": ["law"]},
+        }
+    )
+
+
+class Materials(Section):
+    """Materials by region."""
+
+    film: FilmMaterial = Field(
+        description="law and dielectric properties of the film", json_schema_extra=_or_named
+    )
+    electrode: ElectrodeMaterial | None = Field(
+        None,
+        description="of both electrodes; needed if electrode_thickness is above zero",
+        json_schema_extra=_or_named,
+    )
+
+    @model_validator(mode="after")
+    def _possible(self) -> Materials:
+        radial, hoop = self.film.prestretch
+        mounted = invariants_of_stretches(radial, hoop, 1 / (radial * hoop))
+        if self.film.extension(mounted, self.film.values) >= 1:
+            raise ValueAt(("film", "prestretch"), f"{self.film.law} locks before this stretch")
+        if thickness_range(self.film, radial, hoop) is None:
+            raise ValueAt(
+                ("film", "prestretch"),
+                f"{self.film.law} with these parameters is not stable there: at no thickness is "
+                "the film free of stress across",
+            )
+        for stretch in (1.0, (radial * hoop) ** 0.5):
+            if self.film.permittivity.at(stretch) <= 0:
+                raise ValueAt(
+                    ("film", "relative_permittivity"), f"not above 0 at the stretch {stretch:.4g}"
+                )
+        return self
