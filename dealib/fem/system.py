@@ -167,7 +167,7 @@ class System:
                     self._add(matrix, name, self.ports[name].weights)
                 matrix.assemble()
             rows = {n: self.map.ports[n] for n, p in self.ports.items() if p.fixed}
-            self._eliminated = {n: matrix.getColumnVector(row) for n, row in rows.items()}
+            self._eliminated = {name: self._column(matrix, name) for name in rows}
             matrix.zeroRowsColumns(list(rows.values()) if self.map.comm.rank == 0 else [], 1.0)
 
     def _add(self, matrix: Any, name: str, weights: Iterable[tuple[str, float]]) -> None:
@@ -175,6 +175,14 @@ class System:
         for port, weight in weights if self.map.comm.rank == 0 else ():
             row, column = self.map.ports[name], self.map.ports[port]
             matrix.setValue(row, column, weight, addv=PETSc.InsertMode.ADD_VALUES)
+
+    def _column(self, matrix: Any, port: str) -> Any:
+        unit, column = self.q.duplicate(), self.q.duplicate()
+        unit.set(0.0)
+        self.map.set_port(unit, port, 1.0)
+        unit.assemble()
+        matrix.mult(unit, column)
+        return column
 
     def eliminate(self, right: Any) -> None:
         """Make a right-hand side fit the last tangent: take the prescribed ports' steps out of it.
