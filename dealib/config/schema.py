@@ -148,6 +148,11 @@ class Solver(Section):
     predictor_order: int = Field(
         3, ge=0, le=4, description="highest order of the extrapolation; 0: from the last state"
     )
+    linear: Literal["auto", "lu"] = Field(
+        "auto",
+        description="auto: LDL^T where the tangent is symmetric, with air by blocks; "
+        "lu: LU of the whole tangent, for comparison",
+    )
 
 
 class Limits(Section):

@@ -106,7 +106,7 @@ class Layout:
         nodal = self.mesh.to_nodes(by_cell)
         if self._pressure is not None:
             every = np.arange(len(self.mesh.cells))  # nodes are split where regions meet
-            self.mesh.average(by_cell[..., 3], every, nodal[:, 3:])
+            self.mesh.average({"p": by_cell[..., 3]}, every, {"p": nodal[:, 3]})
         return nodal
 
     def gather_cells(self, values: Floats) -> Floats | None:

@@ -119,16 +119,17 @@ class Newton:
         self._norms = np.zeros(len(FIELDS))
 
     def _set_linear_solver(self, symmetric: bool) -> None:
-        """LDL^T, or LU if the body's tangent is not symmetric; with air, by blocks.
+        """LDL^T, or LU if the body's tangent is not symmetric; with air by blocks.
 
         The air's mesh follows the body, which feels it only through the field in the air. So the
         tangent is nearly block triangular, and a sweep of Gauss-Seidel over the body with the field
         and then the air's mesh, each factorised for itself, is nearly its inverse.
         """
         problem = self.system.problem
-        symmetric = symmetric and problem.coupling.symmetric
+        whole = problem.config.solver.linear == "lu"
+        symmetric = symmetric and problem.coupling.symmetric and not whole
         body = _MUMPS | {"pc_type": "cholesky" if symmetric else "lu"}
-        if not problem.mesh_motion:
+        if whole or not problem.mesh_motion:
             _set_options(_PREFIX, body)
             return
         _set_options(_PREFIX, _BLOCKS)

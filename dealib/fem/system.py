@@ -111,7 +111,7 @@ class System:
             self._local = compat.create_vector(problem.form("residual"))
         self._columns = self.map.lgmap(self.map.columns)
         self._rows = [self.map.lgmap(rows) for _, _, rows in self._parts]
-        with timings("assembly"):
+        with timings("matrix"):
             self.matrix = self._create_matrix()
 
     # --- residual --------------------------------------------------------------------------------
@@ -167,7 +167,7 @@ class System:
                     self._add(matrix, name, self.ports[name].weights)
                 matrix.assemble()
             rows = {n: self.map.ports[n] for n, p in self.ports.items() if p.fixed}
-            self._eliminated = {n: matrix.getColumnVector(row) for n, row in rows.items()}
+            self._eliminated = {name: self._column(matrix, name) for name in rows}
             matrix.zeroRowsColumns(list(rows.values()) if self.map.comm.rank == 0 else [], 1.0)
 
     def _add(self, matrix: Any, name: str, weights: Iterable[tuple[str, float]]) -> None:
@@ -175,6 +175,14 @@ class System:
         for port, weight in weights if self.map.comm.rank == 0 else ():
             row, column = self.map.ports[name], self.map.ports[port]
             matrix.setValue(row, column, weight, addv=PETSc.InsertMode.ADD_VALUES)
+
+    def _column(self, matrix: Any, port: str) -> Any:
+        unit, column = self.q.duplicate(), self.q.duplicate()
+        unit.set(0.0)
+        self.map.set_port(unit, port, 1.0)
+        unit.assemble()
+        matrix.mult(unit, column)
+        return column
 
     def eliminate(self, right: Any) -> None:
         """Make a right-hand side fit the last tangent: take the prescribed ports' steps out of it.
@@ -208,10 +216,9 @@ class System:
         local = np.concatenate([np.arange(*index_map.local_range), index_map.ghosts])
         size = 1e-9 * self.problem.config.geometry.film_thickness
         w.x.array[:] = size * (1 + np.sin(1e3 * local))
-        loose = PETSc.Mat().createAIJ(
-            ((self.map.owned, None), (self.map.owned, None)), comm=self.map.comm
-        )
-        loose.setPreallocationNNZ(self._row_bound())
+        owned = self.map.owned
+        loose = PETSc.Mat().createAIJ(((owned, None), (owned, None)), comm=self.map.comm)
+        loose.setPreallocationNNZ(self._row_bounds())
         loose.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
         loose.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)
         for port in self.map.ports:
@@ -224,5 +231,15 @@ class System:
         w.x.array[:] = saved
         return matrix
 
-    def _row_bound(self) -> tuple[Any, Any]:
-        return (96, 96) if self.problem.spaces.order == 2 else (48, 48)
+    def _row_bounds(self) -> tuple[Any, Any]:
+        """Entries that a row can have, in this rank's columns and elsewhere; a port's may be full.
+
+        A row that outgrows its bound makes PETSc copy the whole matrix, again and again.
+        """
+        owned, ports = self.map.owned, len(self.map.ports)
+        here = np.full(owned, 96 if self.problem.spaces.order == 2 else 48, dtype=np.int32)
+        elsewhere = here.copy()
+        if self.map.comm.rank == 0:
+            here[-ports:] = owned
+            elsewhere[-ports:] = self.q.size - owned
+        return np.minimum(here, owned), np.minimum(elsewhere, self.q.size - owned)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from dealib.config.schema import Config
 from dealib.results import local
 from dealib.results.elements import Array
-from dealib.results.mesh import ResultMesh
+from dealib.results.mesh import Ints, ResultMesh
 
 
 def fields(
@@ -54,10 +56,7 @@ def fields(
         nodal = mesh.cell.from_gauss @ flat
         return np.asarray(nodal.reshape(*nodal.shape[:2], *values.shape[2:]))
 
-    for name, material in local.region_materials(config).items():
-        cells = mesh.in_region(name)
-        if len(cells) == 0:
-            continue
+    for material, cells in _by_material(config, mesh):
         nodal = state[mesh.cells[cells]]
         k = local.kinematics(
             mesh.cell, mesh.corners[cells], mesh.cell.gauss, nodal[..., :2], nodal[..., 2]
@@ -85,6 +84,16 @@ def fields(
                 S += local.branches_pk(material.branches, k.F, mine, material.prestretch)
             found["second_pk_stress"] = at_nodes(S)
             found["cauchy_stress"] = at_nodes(local.cauchy(k.F, S))
-        for key, values in found.items():
-            mesh.average(values, cells, out[key])
+        mesh.average(found, cells, out)
     return out
+
+
+def _by_material(config: Config, mesh: ResultMesh) -> Iterator[tuple[local.RegionMaterial, Ints]]:
+    """Materials and their cells; regions that share one, as the electrodes do, come together."""
+    found: dict[int, tuple[local.RegionMaterial, list[Ints]]] = {}
+    for name, material in local.region_materials(config).items():
+        found.setdefault(id(material), (material, []))[1].append(mesh.in_region(name))
+    for material, parts in found.values():
+        cells = np.sort(np.concatenate(parts))
+        if len(cells):
+            yield material, cells

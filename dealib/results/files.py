@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +12,8 @@ from typing import Any
 import h5py
 
 from dealib.errors import PlatformError
+
+_count = itertools.count()
 
 
 @contextmanager
@@ -59,14 +62,23 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode())
 
 
+def memory_hdf5() -> Any:
+    """An empty HDF5 file in memory, because HDF5 does not survive a disk that fills up beneath it.
+
+    It has a name of its own: HDF5 does not open one twice.
+    """
+    return h5py.File(f"memory-{next(_count)}", "w", driver="core", backing_store=False)
+
+
+def write_hdf5(path: Path, file: Any) -> None:
+    """Write a file in memory, whole or not at all (see `write_bytes`)."""
+    file.flush()
+    write_bytes(path, file.id.get_file_image())
+
+
 @contextmanager
 def new_hdf5(path: Path) -> Iterator[Any]:
-    """An HDF5 file that is built in memory and then written whole or not at all.
-
-    In memory, because HDF5 does not survive a disk that fills up beneath it.
-    """
-    with h5py.File(path.name, "w", driver="core", backing_store=False) as file:
+    """An HDF5 file that is built in memory and then written whole or not at all."""
+    with memory_hdf5() as file:
         yield file
-        file.flush()
-        image = file.id.get_file_image()
-    write_bytes(path, image)
+        write_hdf5(path, file)

@@ -92,10 +92,10 @@ def second_pk(
         pressure: The mixed form's p, of shape F.shape[:-2], in place of the law's dW/dJ, which
             near incompressibility is rounding error times the bulk modulus.
     """
-    P = np.diag(np.ones(3) if prestretch is None else prestretch)
-    total = F @ P
+    stretch = np.ones(3) if prestretch is None else np.asarray(prestretch)
+    total = F * stretch
     C = np.swapaxes(total, -1, -2) @ total
-    J = np.linalg.det(total)
+    J = determinant(total)
     trace = np.trace(C, axis1=-2, axis2=-1)
     second = (trace**2 - np.einsum("...ij,...ij", C, C)) / 2
     hoop = C[..., 2, 2]
@@ -111,7 +111,7 @@ def second_pk(
     along = np.diag([0.0, 0.0, 1.0])
     S += 2 * times(d.hoop * J ** (-2 / 3), along - times(hoop / 3, C_inverse))
     S += times((d.J if pressure is None else pressure) * J, C_inverse)
-    return np.asarray(P @ S @ P / np.linalg.det(P))
+    return np.asarray(S * np.outer(stretch, stretch) / stretch.prod())
 
 
 def branches_pk(
@@ -157,7 +157,12 @@ def _derivatives(law: Law, i: Invariants) -> Invariants:
 
 def cauchy(F: Array, S: Array) -> Array:
     """Sigma = F S F^T / J."""
-    return np.asarray(F @ S @ np.swapaxes(F, -1, -2) / np.linalg.det(F)[..., None, None])
+    return np.asarray(F @ S @ np.swapaxes(F, -1, -2) / determinant(F)[..., None, None])
+
+
+def determinant(F: Array) -> Array:
+    """Determinants of tensors of shape (..., 3, 3), of which only RZ is off the diagonal."""
+    return np.asarray((F[..., 0, 0] * F[..., 1, 1] - F[..., 0, 1] * F[..., 1, 0]) * F[..., 2, 2])
 
 
 def maxwell(permittivity: float | Array, e: Array) -> Array:

@@ -78,12 +78,21 @@ class ResultMesh:
         out[self.cells] = by_cell
         return out
 
-    def average(self, by_cell: Array, cells: Ints, out: Array) -> None:
-        """Average values at the nodes of some cells (of one region) into `out`."""
+    def average(self, by_cell: dict[str, Array], cells: Ints, out: dict[str, Array]) -> None:
+        """Average values at the nodes of some cells into arrays of nodal values.
+
+        Args:
+            by_cell: By name, (cells, nodes of a cell, ...).
+            cells: The cells, whole regions.
+            out: By name, (nodes, ...).
+        """
+        from scipy.sparse import csr_matrix
+
         nodes = self.cells[cells].ravel()
-        count = np.bincount(nodes, minlength=len(self.points))
-        used = count > 0
-        flat, target = by_cell.reshape(len(nodes), -1), out.reshape(len(out), -1)
-        for k in range(flat.shape[1]):
-            total = np.bincount(nodes, weights=flat[:, k], minlength=len(self.points))
-            target[used, k] = total[used] / count[used]
+        entries = np.arange(len(nodes))
+        total = csr_matrix((np.ones(len(nodes)), (nodes, entries)), (len(self.points), len(nodes)))
+        count = np.bincount(nodes)
+        used = np.flatnonzero(count)
+        for name, values in by_cell.items():
+            mean = (total @ values.reshape(len(nodes), -1))[used] / count[used, None]
+            out[name][used] = mean.reshape(-1, *values.shape[2:])

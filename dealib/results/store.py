@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dealib.results.elements import Array, Cell
-from dealib.results.files import guarded, new_hdf5, write_text
+from dealib.results.files import guarded, memory_hdf5, new_hdf5, write_hdf5, write_text
 from dealib.results.mesh import ResultMesh
 
 HISTORY, STATES, FIELDS, INFO = "history.csv", "results.h5", "fields.xdmf", "run.json"
@@ -75,11 +75,14 @@ def _text(value: Any) -> Any:
     return repr(float(value)) if isinstance(value, float) else value
 
 
+_CHUNK = 64  # rows of the history that are allocated at a time
+
+
 class StateFile:
     """`results.h5`: mesh, config, versions, history and nodal states.
 
-    While the run goes on each state is a file of its own and `results.h5`, replaced whole at each
-    step, links to them; `close` gathers everything into the one file.
+    While the run goes on each state is a file of its own and `results.h5`, which links to them, is
+    kept in memory and replaced whole at each step; `close` gathers everything into the one file.
 
     Args:
         directory: The run directory.
@@ -92,19 +95,21 @@ class StateFile:
         self, directory: Path, mesh: ResultMesh, texts: Mapping[str, str], keep: int = -1
     ) -> None:
         self.path, self.folder = directory / STATES, directory / STATE_DATA
-        self._texts = dict(texts)
-        self._history: dict[str, list[Any]] = {}
-        self._links: list[str] = []
-        self._viscous = False
         with guarded(self.folder):
             self.folder.mkdir(exist_ok=True)
-        if keep >= 0:
-            self._reopen(keep)
         with new_hdf5(self.folder / "mesh.h5") as file:
             file["points_mm"], file["cells"] = mesh.points, mesh.cells
             file["region"] = mesh.region
             file.attrs["cell"], file.attrs["order"] = mesh.cell.name, mesh.cell.order
             file.attrs["region_names"] = list(mesh.names)
+        self._file = memory_hdf5()
+        for name, text in texts.items():
+            self._file[name] = text
+        self._link("mesh", "mesh.h5", "/")
+        self._file.create_group("states")
+        self._columns = self._file.create_group("history")
+        if keep >= 0:
+            self._reopen(keep)
         self._write()
 
     def add(
@@ -118,7 +123,7 @@ class StateFile:
             internal: C_i of Maxwell branches, as `fields` wants it.
         """
         for name, value in row.items():
-            self._history.setdefault(name, []).append(value)
+            self._append(name, [value])
         if state is not None:
             name = f"{row['step']:05d}"
             with new_hdf5(self.folder / f"{name}.h5") as file:
@@ -127,8 +132,7 @@ class StateFile:
                 file["state"].attrs["components"] = COMPONENTS[: state.shape[1]]
                 if internal is not None:
                     file["internal"] = internal
-            self._links.append(name)
-            self._viscous = internal is not None
+            self._link_state(name, internal is not None)
         self._write()
 
     def close(self) -> None:
@@ -137,7 +141,7 @@ class StateFile:
         with guarded(self.path):
             try:
                 with h5py.File(temporary, "w") as file:
-                    self._fill(file, gather=True)
+                    self._gather(file)
                 os.replace(temporary, self.path)
             except (OSError, RuntimeError, ValueError) as error:  # HDF5 on a full disk
                 temporary.unlink(missing_ok=True)
@@ -149,41 +153,60 @@ class StateFile:
         with h5py.File(self.path, "r") as file:
             count = int((file["history/step"][:] <= keep).sum())
             for name, values in file["history"].items():
-                strings = h5py.check_string_dtype(values.dtype) is not None
-                self._history[name] = list((values.asstr() if strings else values)[:count])
+                self._append(name, values[:count])
             for name in file["states"]:
                 if int(name) > keep:
                     continue
-                self._links.append(name)
                 link = file["states"].get(name, getlink=True)
+                viscous = "internal" in file and name in file["internal"]
                 if not isinstance(link, h5py.ExternalLink):
                     with new_hdf5(self.folder / f"{name}.h5") as part:
                         file.copy(f"states/{name}", part, name="state")
-                        if f"internal/{name}" in file:
+                        if viscous:
                             file.copy(f"internal/{name}", part, name="internal")
-            self._viscous = "internal" in file
+                self._link_state(name, viscous)
+
+    def _append(self, name: str, values: Any) -> None:
+        """Append values to a column of the history."""
+        if name not in self._columns:
+            kind = h5py.string_dtype() if isinstance(values[0], (str, bytes)) else None
+            shape = {"maxshape": (None,), "chunks": (_CHUNK,)}
+            self._columns.create_dataset(name, data=values, dtype=kind, **shape)
+            return
+        column = self._columns[name]
+        column.resize(len(column) + len(values), axis=0)
+        column[-len(values) :] = values
+
+    def _link(self, name: str, source: str, path: str) -> None:
+        self._file[name] = h5py.ExternalLink(f"{STATE_DATA}/{source}", path)
+
+    def _link_state(self, name: str, viscous: bool) -> None:
+        self._link(f"states/{name}", f"{name}.h5", "/state")
+        if viscous:
+            self._link(f"internal/{name}", f"{name}.h5", "/internal")
 
     def _write(self) -> None:
-        with new_hdf5(self.path) as file:
-            self._fill(file, gather=False)
+        write_hdf5(self.path, self._file)
 
-    def _fill(self, file: Any, gather: bool) -> None:
-        for name, text in self._texts.items():
-            file[name] = text
-        history = file.create_group("history")
-        for name, values in self._history.items():
-            kind = h5py.string_dtype() if isinstance(values[0], str) else None
-            history.create_dataset(name, data=values, dtype=kind)
-        file.create_group("states")
-        links = {f"states/{name}": (f"{name}.h5", "/state") for name in self._links}
-        if self._viscous:
-            links |= {f"internal/{name}": (f"{name}.h5", "/internal") for name in self._links}
-        for key, (source, path) in {**links, "mesh": ("mesh.h5", "/")}.items():
-            if gather:
-                with h5py.File(self.folder / source, "r") as part:
-                    part.copy(path, file, name=key)
-            else:
-                file[key] = h5py.ExternalLink(f"{STATE_DATA}/{source}", path)
+    def _gather(self, file: Any) -> None:
+        """Copy everything into one file, and with it what is linked."""
+        links = {}
+
+        def copy(group: Any, path: str) -> None:
+            for name in group:
+                link = group.get(name, getlink=True)
+                if isinstance(link, h5py.ExternalLink):
+                    links[path + name] = link
+                elif isinstance(group[name], h5py.Group):
+                    copy(group[name], f"{path}{name}/")
+                else:
+                    group.copy(name, file.require_group(path or "/"))
+
+        copy(self._file, "")
+        file.require_group("states")
+        for name, link in links.items():
+            with h5py.File(self.path.parent / link.filename, "r") as part:
+                part.copy(link.path, file, name=name)
 
 
 class FieldFile:

@@ -1,0 +1,44 @@
+"""The benchmarks run, and their settings do not change results."""
+
+import json
+import shutil
+
+import pytest
+from benchmarks import run
+from conftest import history
+
+TIGHT = {"solver__tolerance": 1e-13, "solver__predictor_order": 0, "solver__linear": "lu"}
+ABSOLUTE = {"energy_residual_mJ", "newton_iterations"}  # a difference; a count
+
+
+@pytest.mark.parametrize("name", ["benchmark_strip", "benchmark_strip_air", "deap100"])
+def test_fast_settings_give_the_history_of_a_tight_plain_solve(name):
+    fast, tight = history(name), history(name, **TIGHT)
+    assert fast["newton_iterations"].sum() < 0.8 * tight["newton_iterations"].sum()
+    for column in fast.columns.difference([*ABSOLUTE, "stage"]):
+        scale = tight[column].abs().max()
+        assert fast[column].to_numpy() == pytest.approx(tight[column], rel=0, abs=1e-6 * scale)
+
+
+def test_iterations_a_step_of_the_main_job():
+    iterations = history("deap100")["newton_iterations"]
+    assert iterations.sum() / (len(iterations) - 1) <= 2.5
+
+
+def test_benchmarks_run_and_tell(tmp_path, capsys, monkeypatch):
+    results = tmp_path / "results.json"
+    run.main(["--quick", "--repeat", "1", "--out", str(results)])
+    found = json.loads(results.read_text())
+    ours, plain = found["records"]
+    assert [ours["variant"], plain["variant"]] == ["dealib", "plain"]
+    assert ours["unknowns"] == plain["unknowns"] > 200
+    assert ours["steps"] == plain["steps"] == 2
+    assert 0 < ours["assembly"] + ours["factorisation"] < ours["solve"] < ours["wall"]
+    assert 50 < ours["memory_MB"] < 2000
+    shown = run.table(found)
+    assert shown in capsys.readouterr().out
+    assert "| quick, plain |" in shown
+    shutil.copy(run.ROOT / "README.md", tmp_path)
+    monkeypatch.setattr(run, "ROOT", tmp_path)
+    run.main(["--readme", "--out", str(results)])
+    assert shown in (tmp_path / "README.md").read_text()
