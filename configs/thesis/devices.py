@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from membrane import Coupling, Layer, Membrane
 
-from dealib.units import GRAVITY
+from dealib.units import EPSILON_0, GRAVITY
 
 VOLTS = 2.5  # kV, the largest
 MASSES = (5.0, 10.0, 15.0, 20.0, 28.0)  # g, Fig. 31
@@ -30,6 +31,7 @@ class Parameters:
     outer_100: float = 12.35
     inner_200: float = 16.8
     outer_200: float = 25.4
+    preload_12: float = 0.15
     preload_23: float = 0.35
     preload_36: float = 0.06
     displacement_35: float = 1.3
@@ -97,6 +99,7 @@ class Reached:
     C: float
     charge_density: float
     radial_stress: float
+    electrode_stress: float = 0.0
 
 
 Solver = Callable[[Device, Sequence[Target]], list[Reached]]
@@ -151,7 +154,8 @@ def by_membrane(coupling: Coupling = "energy") -> Solver:
             u, V = float(model.q[0, 1]), t.V
             F = float(model.residual(V)[0][0, 1])
             sigma = model.charge_density(V) if V else 0.0
-            out.append(Reached(u, F, model.capacitance(), sigma, model.radial_stress()))
+            stresses = [model.radial_stress(k) for k in range(len(model.layers))]
+            out.append(Reached(u, F, model.capacitance(), sigma, *stresses))
         return out
 
     return cached(solve)
@@ -193,16 +197,23 @@ def by_finite_elements(device: Device, targets: Sequence[Target]) -> list[Reache
             continue
         row, mesh = state.row, state.simulation.layout.mesh
         found = fields(case.config, mesh, state.nodal())
-        nodes = np.unique(mesh.cells[mesh.in_region("film")])
-        share = (mesh.points[nodes, 0] - d.inner) / (d.outer - d.inner)
-        middle = nodes[np.abs(share - 0.5) < 0.1]
+        share = (mesh.points[:, 0] - d.inner) / (d.outer - d.inner)
+
+        def middle(region: str) -> Any:
+            nodes = np.unique(mesh.cells[mesh.in_region(region)])
+            return nodes[np.abs(share[nodes] - 0.5) < 0.1]
+
+        def stress(region: str) -> float:
+            return float(found["second_pk_stress"][middle(region), 0, 0].mean())
+
         out.append(
             Reached(
                 u=-row["displacement_mm"],
                 F=-row["force_N"],
                 C=row["capacitance_pF"],
-                charge_density=float(np.linalg.norm(found["D"][middle], axis=1).mean()),
-                radial_stress=float(found["second_pk_stress"][middle, 0, 0].mean()),
+                charge_density=float(np.linalg.norm(found["D"][middle("film")], axis=1).mean()),
+                radial_stress=stress("film"),
+                electrode_stress=stress("top_electrode") if d.electrode_thickness else 0.0,
             )
         )
     return out
@@ -221,11 +232,14 @@ def quantities(p: Parameters, solve: Solver) -> dict[str, float]:
         "preload23_N": p.preload_23,
     }
     push = [Target(u=1.0), Target(u=2.0), Target(u=3.0)]
-    for law, modulus, name in (("nh", 1.0, "nh1"), ("nh", 1.5, "nh15"), ("mr", 1.25, "mr125"),
-                               ("mr", 1.5, "mr15")):  # fmt: skip
-        alone = Device.of(p, law=law, film_modulus=modulus, electrode_thickness=0.0)
-        q[f"film_{name}_F3"] = solve(alone, push)[-1].F
-    q["film_closeness"] = _difference(q["film_mr125_F3"], q["film_nh1_F3"])
+    alone = {
+        law: solve(Device.of(p, law=law, electrode_thickness=0.0), push) for law in ("nh", "mr")
+    }
+    q["film_nh1_F3"] = alone["nh"][-1].F
+    q["film_nh15_F3"] = 1.5 * q["film_nh1_F3"]  # all of the film's moduli in proportion to E
+    q["film_mr15_F3"] = 1.5 / 1.25 * alone["mr"][-1].F
+    for mm in (1, 2, 3):
+        q[f"film_ratio_{mm}"] = alone["mr"][mm - 1].F / alone["nh"][mm - 1].F
     charges, stresses = {}, {}
     for size, law in ((100, "nh"), (100, "mr"), (75, "nh"), (75, "mr"), (200, "nh")):
         tag = law if size == 100 else f"{law}{size}"
@@ -242,10 +256,13 @@ def quantities(p: Parameters, solve: Solver) -> dict[str, float]:
             q[f"C{size}_0"], q[f"C{size}_25"] = rest.C, more.C
             q[f"charge_{size}"] = charges[size] = driven.charge_density
             stresses[size] = held.radial_stress
-    q["closeness"] = _difference(q["mr_F3"], q["nh_F3"])
-    q["closeness_75"] = _difference(q["mr75_F3"], q["nh75_F3"])
+        if tag == "nh":
+            q["stress_ratio"] = held.electrode_stress / held.radial_stress
+    for mm in (2, 3):
+        q[f"ratio_{mm}"] = q[f"mr_F{mm}"] / q[f"nh_F{mm}"]
+        q[f"ratio_75_{mm}"] = q[f"mr75_F{mm}"] / q[f"nh75_F{mm}"]
     q["charge_spread"] = max(charges.values()) / min(charges.values()) - 1
-    q["field"] = charges[100] / (8.8541878128e-6 * p.permittivity)
+    q["field"] = charges[100] / (EPSILON_0 * p.permittivity)
     q["S_100_75"], q["S_200_100"] = stresses[100] / stresses[75], stresses[200] / stresses[100]
     for law in ("nh", "mr"):
         weights = [1e-3 * m * GRAVITY for m in MASSES]
@@ -254,15 +271,13 @@ def quantities(p: Parameters, solve: Solver) -> dict[str, float]:
         states = solve(Device.of(p, law=law), path)
         strokes = [states[k + 1].u - states[k].u for k in range(0, len(states), 3)]
         q |= {f"{law}_stroke_{m:g}": s for m, s in zip(MASSES, strokes, strict=False)}
-        q[f"{law}_stroke_10_5"] = strokes[1] / strokes[0]
-        q[f"{law}_stroke_28_10"] = strokes[4] / strokes[1]
+        for k in range(1, len(MASSES)):
+            q[f"{law}_stroke_{MASSES[k]:g}_{MASSES[k - 1]:g}"] = strokes[k] / strokes[k - 1]
+        q[f"{law}_stroke_last_first"] = strokes[len(MASSES) - 1] / strokes[0]
         if law == "nh":
             q["preload23_u"] = states[-2].u
-    for um in (10, 15, 20):
+    for um in (10, 20):
         device = Device.of(p, electrode_thickness=um / 1000)
         q[f"preload36_u{um}"] = solve(device, [Target(F=p.preload_36)])[-1].u
+    q["preload12_u"] = solve(Device.of(p), [Target(F=p.preload_12)])[-1].u
     return q
-
-
-def _difference(a: float, b: float) -> float:
-    return 2 * (a - b) / (a + b)

@@ -19,7 +19,7 @@ from dealib.units import EPSILON_0
 
 Array = npt.NDArray[np.float64]
 _RIGID = 1e9  # N/mm, holds what is prescribed
-Coupling = Literal["energy", "maxwell_traction", "undeformed_pressure"]
+Coupling = Literal["energy", "half", "pelrine_undeformed", "follower"]
 
 
 @dataclass(frozen=True)
@@ -180,9 +180,12 @@ class Membrane:
         if self.coupling == "energy":
             g -= half[:, None] * sign
             h -= half[:, None, None] * np.outer(sign, sign)
-        elif self.coupling == "maxwell_traction":
+        elif self.coupling == "half":
             g[:, 2] = half  # no potential: the symmetric part of the tangent is only Newton's
             h[:, 2] = half[:, None] * sign
+        elif self.coupling == "follower":
+            g[:, 2] = p * volume * np.exp(x + y + z)
+            h[:, 2] = g[:, 2, None]
         else:  # a dead pressure does the work p l3 on the thickness
             g[:, 2] = h[:, 2, 2] = p * volume * np.exp(z)
         return g, h
@@ -274,13 +277,14 @@ class Membrane:
         h = self.film.thickness * l3[len(l3) // 2]
         return float(EPSILON_0 * self.permittivity * volts / h)
 
-    def radial_stress(self) -> float:
-        """Elastic second Piola-Kirchhoff stress S_rr of the film at mid-strip, MPa."""
+    def radial_stress(self, layer: int = 0) -> float:
+        """Elastic second Piola-Kirchhoff stress S_rr of a layer at mid-strip, MPa."""
         l1, l2, _, _ = self.stretches()
-        lp, rest = np.log(self.film.prestretch), self._mounted()
-        x = np.stack([np.log(l1) + lp, np.log(l2) + lp, self.logs[0]], axis=1)
-        g, _ = self.film.derivatives(x)
-        return float((g[:, 0] / l1**2)[len(l1) // 2] / np.exp(2 * lp + rest))
+        lp = np.log(self.layers[layer].prestretch)
+        rest = 2 * lp + self._mounted() if layer == 0 else 0.0
+        x = np.stack([np.log(l1) + lp, np.log(l2) + lp, self.logs[layer]], axis=1)
+        g, _ = self.layers[layer].derivatives(x)
+        return float((g[:, 0] / l1**2)[len(l1) // 2] / np.exp(rest))
 
 
 def _solve(band: Array, r: Array) -> Array:
