@@ -28,6 +28,7 @@ VARIANTS = [
     {"physics__coupling": "maxwell_traction"},
     {"physics__coupling": "maxwell_traction", "geometry__electrode_thickness": "0 um"},
     {"physics__coupling": "pelrine"} | MIXED,
+    {"physics__coupling": "pelrine_undeformed"},
 ]
 
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from devices import Parameters, Solver, quantities
+from devices import Parameters, Solvers
+from quantities import quantities
 from scipy.optimize import least_squares
-from windows import WINDOWS, Window
+from windows import HARD, WINDOWS, Window
 
 from dealib.errors import DealibError
 
-PULL = 0.05  # towards the middles of the windows
+PULL = 0.02  # towards the middles of the windows
+MARGIN = 0.01  # of a window's width, inside the hard bounds
 FITTED = [w for w in WINDOWS if w.fitted]
 BOUNDS = {
     "film_thickness": (0.010, 0.070),
@@ -23,6 +26,7 @@ BOUNDS = {
     "outer_100": (7, 16),
     "inner_200": (2, 25),
     "outer_200": (15, 30),
+    "preload_12": (0.05, 0.4),
     "preload_23": (0.1, 0.6),
     "preload_36": (0.005, 0.3),
     "displacement_35": (0.3, 3.0),
@@ -45,9 +49,10 @@ class Fit:
     jacobian: np.ndarray
     windows: list[Window]
 
-    def misfit(self, windows: list[Window] | None = None) -> float:
-        """Sum of squared misfits."""
-        return sum(w.misfit(self.values[w.quantity]) ** 2 for w in windows or self.windows)
+    def misfit(self) -> float:
+        """Sum of squared weighted misfits, in widths of the windows."""
+        off = [(w.misfit(self.values[w.quantity]), w.weights) for w in self.windows]
+        return sum((weights[miss > 0] * miss) ** 2 for miss, weights in off)
 
     def held(self) -> list[Window]:
         """The fitted windows that hold."""
@@ -86,47 +91,55 @@ class Fit:
 
 
 def fit(
-    solve: Solver,
+    solvers: Solvers,
     start: Parameters,
-    slopes: Solver | None = None,
-    without: tuple[str, ...] = (),
+    slopes: Solvers | None = None,
+    windows: Sequence[Window] = FITTED,
+    fixed: Sequence[str] = (),
     evaluations: int = 25,
 ) -> Fit:
     """Identify the parameters with one model.
 
     Args:
-        solve: The model.
+        solvers: The model, by coupling.
         start: Where to start.
         slopes: A cheaper model for the derivatives; default the same.
-        without: Figures to leave out.
+        windows: Those that take part.
+        fixed: Parameters that keep their values.
         evaluations: Limit of evaluations.
     """
-    windows = [w for w in FITTED if w.figure not in without]
-    names, scale = Parameters.names(), 0.1 * np.array(Parameters().vector())
+    free = [n for n in Parameters.names() if n not in fixed]
+    x_scale = {n: 0.1 * v for n, v in asdict(Parameters()).items()}
+    scale = np.array([x_scale[n] for n in free])
     known: dict[bytes, np.ndarray] = {}
 
-    def offsets(x: np.ndarray, model: Solver) -> np.ndarray:
-        q = quantities(Parameters(*map(float, x)), model)
+    def of(x: np.ndarray) -> Parameters:
+        return replace(start, **dict(zip(free, map(float, x), strict=True)))
+
+    def offsets(x: np.ndarray, model: Solvers) -> np.ndarray:
+        q = quantities(of(x), model)
         return np.array([w.offset(q[w.quantity]) for w in windows])
 
     half = np.array([(w.high - w.low) / 2 / w.scale for w in windows])
-
     below, above = np.array([w.weights for w in windows]).T
 
-    def weight(found: np.ndarray) -> np.ndarray:
-        return np.where(found < 0, below, above)
+    def outside(found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Weights of the misses, and the misses; hard bounds are met with a margin."""
+        weight = np.where(found < 0, below, above)
+        reach = half - MARGIN * (weight == HARD)
+        return weight * (np.abs(found) > reach), np.sign(found) * (np.abs(found) - reach)
 
     def residuals(x: np.ndarray) -> np.ndarray:
         try:
-            found = offsets(x, solve)
+            found = offsets(x, solvers)
         except (ArithmeticError, np.linalg.LinAlgError, DealibError):
             found = np.full(len(windows), 9.0)  # no equilibrium there
         known[x.tobytes()] = found
-        outside = weight(found) * np.sign(found) * np.maximum(np.abs(found) - half, 0)
-        return np.concatenate([outside, PULL * found])
+        weight, miss = outside(found)
+        return np.concatenate([weight * miss, PULL * found])
 
     def slope(x: np.ndarray) -> np.ndarray:
-        model = slopes or solve
+        model = slopes or solvers
         base = offsets(x, model)
         steps = 1e-3 * scale
         moved = [offsets(x + np.eye(len(x))[k] * steps[k], model) for k in range(len(x))]
@@ -134,18 +147,18 @@ def fit(
 
     def jacobian(x: np.ndarray) -> np.ndarray:
         J = slope(x)
-        at = known[x.tobytes()]
-        return np.vstack([J * (weight(at) * (np.abs(at) > half))[:, None], PULL * J])
+        weight, _ = outside(known[x.tobytes()])
+        return np.vstack([J * weight[:, None], PULL * J])
 
     found = least_squares(
         residuals,
-        start.vector(),
+        [getattr(start, n) for n in free],
         jacobian,
-        bounds=np.array([BOUNDS[n] for n in names]).T,
+        bounds=np.array([BOUNDS[n] for n in free]).T,
         x_scale=scale,
         max_nfev=evaluations,
         xtol=1e-5,
         ftol=1e-5,
     )
-    best = Parameters(*map(float, found.x))
-    return Fit(best, quantities(best, solve), found.jac[len(windows) :] / PULL, windows)
+    best = of(found.x)
+    return Fit(best, quantities(best, solvers), found.jac[len(windows) :] / PULL, list(windows))

@@ -19,7 +19,7 @@ from dealib.units import EPSILON_0
 
 Array = npt.NDArray[np.float64]
 _RIGID = 1e9  # N/mm, holds what is prescribed
-Coupling = Literal["energy", "half", "pelrine_undeformed", "follower"]
+Coupling = Literal["energy", "pelrine_undeformed"]
 
 
 @dataclass(frozen=True)
@@ -84,9 +84,8 @@ class Membrane:
         film: The dielectric.
         electrodes: Both together; None where the film is alone.
         permittivity: Relative, of the film.
-        coupling: `energy`: the electro-elastic potential; `maxwell_traction`: only the traction
-            eps e^2 / 2 on the faces, half of it; `undeformed_pressure`: Pelrine's pressure
-            eps (V/H)^2 with the thickness H at rest, as a dead load across the film.
+        coupling: `energy`: the electro-elastic potential; `pelrine_undeformed`: the pressure
+            eps (V/H)^2 across the film, with its thickness H at rest.
         elements: Number of quadratic elements.
     """
 
@@ -180,14 +179,9 @@ class Membrane:
         if self.coupling == "energy":
             g -= half[:, None] * sign
             h -= half[:, None, None] * np.outer(sign, sign)
-        elif self.coupling == "half":
-            g[:, 2] = half  # no potential: the symmetric part of the tangent is only Newton's
-            h[:, 2] = half[:, None] * sign
-        elif self.coupling == "follower":
+        else:  # no potential: the symmetric part of the tangent is only Newton's
             g[:, 2] = p * volume * np.exp(x + y + z)
             h[:, 2] = g[:, 2, None]
-        else:  # a dead pressure does the work p l3 on the thickness
-            g[:, 2] = h[:, 2, 2] = p * volume * np.exp(z)
         return g, h
 
     def residual(self, volts: float) -> tuple[Array, Array]:

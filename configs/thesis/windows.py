@@ -61,6 +61,10 @@ class Window:
         """Zero inside, the distance over the scale outside; signed."""
         return (max(value - self.high, 0.0) - max(self.low - value, 0.0)) / self.scale
 
+    def printed(self, value: float) -> bool:
+        """Whether the bound next to a value is printed, not inferred."""
+        return self.weights[value > (self.low + self.high) / 2] >= PRINTED
+
     def offset(self, value: float) -> float:
         """Distance from the middle over the scale."""
         return (value - (self.low + self.high) / 2) / self.scale
@@ -105,17 +109,27 @@ WINDOWS = (
     H("39", "charge_75", 0.0024, 0.003, "C/m2", "fill", "the lower axis ends at 0.0024"),
     H("39", "charge_200", 0.0024, 0.003, "C/m2", "fill", "the lower axis ends at 0.0024"),
     H("39", "charge_spread", 0.0, 0.1, "", "text", "the same for the three devices"),
-    W("31", "nh_stroke_5", 0.4, 0.6, "mm", "fill", "stroke at 5 g, the largest"),
-    W("31", "mr_stroke_5", 0.4, 0.6, "mm", "fill", "stroke at 5 g, the largest"),
     *(
-        H("31", f"{law}_stroke_{a}_{b}", 0.0, 1.0, "", "text", f"stroke at {a} over that at {b} g")
-        for law in ("nh", "mr")
-        for a, b in ((10, 5), (15, 10), (20, 15), (28, 20))
+        one
+        for law, by, grade in (
+            ("nh", "_undeformed", H),
+            ("mr", "_undeformed", H),
+            ("nh", "", H),
+            ("mr", "", partial(W, fitted=False)),
+        )
+        for one in (
+            grade("31", f"{law}_stroke_5{by}", 0.4, 0.6, "mm", "fill", "at 5 g, the largest"),
+            *(
+                grade("31", f"{law}_stroke_{a}_{b}{by}", 0.0, 1.0, "", "text", f"{a} over {b} g")
+                for a, b in ((10, 5), (15, 10), (20, 15), (25, 20), (28, 25))
+            ),
+        )
     ),
-    W("31", "nh_stroke_last_first", 0.0, 0.95, "", "fill", "28 g over 5 g: visibly"),
-    W("31", "mr_stroke_last_first", 0.0, 0.95, "", "fill", "28 g over 5 g: visibly"),
-    H("32", "nh_blocking", 0.10, 0.14, "N", "axis", "force change at 2 mm, 2.5 kV"),
-    H("32", "mr_blocking", 0.10, 0.14, "N", "axis", "force change at 2 mm, 2.5 kV"),
+    *(
+        H("32", f"{law}_blocking{by}", 0.10, 0.14, "N", "axis", "force change at 2 mm, 2.5 kV")
+        for law in ("nh", "mr")
+        for by in ("", "_undeformed")
+    ),
     W("35", "nh75_blocking_35", 0.04, 0.06, "N", "fill", "DEAP75, 2.5 kV; at displacement_35"),
     W("35", "nh75_blocking", 0.04, 0.06, "N", "fill", "the same if it were at 2 mm", False),
     # capacitance

@@ -256,10 +256,11 @@ class Materials(Section):
 class Physics(Section):
     """Which equations are solved."""
 
-    coupling: Literal["energy", "maxwell_traction", "pelrine"] = Field(
+    coupling: Literal["energy", "maxwell_traction", "pelrine", "pelrine_undeformed"] = Field(
         "energy",
         description="energy: one electro-elastic potential; for comparison, loads on the film's "
-        "electrode faces: maxwell_traction, the Maxwell stress, or pelrine, eps (V/d)^2",
+        "electrode faces: maxwell_traction, the Maxwell stress; pelrine, eps (V/d)^2; or "
+        "pelrine_undeformed, the same with the thickness at rest",
     )
     formulation: Literal["displacement", "mixed"] = Field(
         "displacement",

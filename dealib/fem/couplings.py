@@ -1,6 +1,6 @@
 """How the electric field loads the body: each coupling gives the residual of the whole problem.
 
-`energy` is the derivative of one potential. The other two are those of the thesis (section 3.2.3),
+`energy` is the derivative of one potential. The others are those of the thesis (section 3.2.3),
 for comparison: phi still solves the electrostatic problem on the deformed body, but the load that
 it puts on the body is written down, so that no potential stands behind it and the tangent is not
 symmetric.
@@ -112,8 +112,26 @@ def pelrine(problem: Problem, v: Any) -> Any:
     pressure on each face for itself does something else: on a bent film the outer patch is larger,
     and on an incompressible film between clamps it is hydrostatic and moves nothing.)
     """
-    F, e, eps = _film_field(problem)
-    stress = -eps * jacobian(F) * ufl.outer(e, inverse_transpose(F).T * e)  # Piola, per mesh area
+    _, e, eps = _film_field(problem)
+    return _stress_across(problem, v, eps, e)
+
+
+def pelrine_undeformed(problem: Problem, v: Any) -> Any:
+    """The same with the thickness at rest: p = eps (V/H)^2 however far the film is squeezed.
+
+    No energy stands behind it: it lacks the growth of the pressure as the film thins.
+    """
+    F, _, eps = _film_field(problem)
+    _, E = problem.fields()
+    across = inverse_transpose(F) * ufl.as_vector([0, 1, 0])  # the film lies flat in the mesh
+    normal = across / ufl.sqrt(ufl.dot(across, across))
+    return _stress_across(problem, v, eps * ufl.dot(E, E), normal)
+
+
+def _stress_across(problem: Problem, v: Any, factor: Any, e: Any) -> Any:
+    """Virtual work of the true stress -factor e (x) e in the film."""
+    F, _ = problem.fields()
+    stress = -factor * jacobian(F) * ufl.outer(e, inverse_transpose(F).T * e)  # Piola, mesh area
     w = problem.spaces.w
     direction = ufl.as_vector([v[0], v[1], *(0 for _ in range(2, len(w)))])
     work = ufl.inner(stress, ufl.derivative(F, w, direction))
@@ -124,6 +142,7 @@ COUPLINGS: dict[str, Coupling] = {
     "energy": OnePotential(),
     "maxwell_traction": Loaded(maxwell_traction),
     "pelrine": Loaded(pelrine),
+    "pelrine_undeformed": Loaded(pelrine_undeformed),
 }
 
 
