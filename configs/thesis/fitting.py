@@ -14,7 +14,7 @@ from windows import HARD, WINDOWS, Window
 from dealib.errors import DealibError
 
 PULL = 0.02  # towards the middles of the windows
-MARGIN = 0.01  # of a window's width, inside the hard bounds
+MARGIN = 0.002  # of a window's width, inside the hard bounds
 FITTED = [w for w in WINDOWS if w.fitted]
 BOUNDS = {
     "film_thickness": (0.010, 0.070),

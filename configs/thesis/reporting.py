@@ -115,7 +115,7 @@ def report(final: Fit, fits: dict[str, Fit], maps: Maps) -> str:
         "### Pre-stretch x coupling x law, all else as identified (membrane model)",
         table(*maps.by_prestretch),
         "### Pre-stretch x coupling, all else identified anew (membrane model)",
-        f"Pre-stretch held at {PRESTRETCHES[0]:g} .. {PRESTRETCHES[-2]:g}, the other "
+        f"Pre-stretch held at {PRESTRETCHES[0]:g} .. {PRESTRETCHES[-1]:g}, the other "
         f"{len(names) - 1} parameters free, Fig. 31 demanded of both laws by one coupling.",
         table(*maps.refitted),
     ]
