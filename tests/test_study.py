@@ -351,48 +351,24 @@ def test_every_figure_has_a_study_that_validates():
         assert plan.study.source.endswith(f"Fig. {int(name[3:])}")
 
 
-# what the thesis's physics asks for, whatever the identified parameters
-MUST_HOLD = {
-    "fig04": ["stress at 5 % strain over Hooke's", "stress at 100 % strain over Hooke's"],
-    "fig12": ["error of 80 uniform elements over that of 80 graded ones"],
-    "fig20": ["force at 3 mm with electrodes of 1.5 MPa over that with 3 MPa"],
-    "fig23": ["displacement at full voltage beyond the pre-deflection"],
-    "fig26": ["stress at the outer quarter over that at the inner quarter"],
-    "fig27": [
-        "stress in the middle of the film at full voltage",
-        "electrode's stress over the film's",
-    ],
-    "fig28": [
-        "field in the middle of the film",
-        "field in the electrodes",
-        "field from top to bottom over its size",
-    ],
-    "fig29": ["plateau on the top electrode", "sum of both electrodes over the plateau"],
-    "fig32": ["force change at half the voltage over that at the full one"],
-    "fig36": [
-        "change of the pre-deflection with each 5 µm",
-        "pre-deflection: Pre-deflection within the axis",
-    ],
-    "fig38": [f"{d}: Capacitance within the axis" for d in ("DEAP75", "DEAP100", "DEAP200")],
-    "fig39": ["plateau on the top electrodes", "largest plateau over the smallest"],
+# Windows that contradict others, see configs/thesis/identification.md; all others must hold.
+CONTRADICTIONS = {
+    ("fig20", "the same at 3 mm"),
+    ("fig31", "stroke, energy, Mooney-Rivlin"),
+    ("fig31", "change of the stroke to the next larger mass, energy, Mooney-Rivlin"),
+    ("fig34", "the same at 3 mm"),
+    ("fig37", "change of the film's stress from device to device"),
 }
 
 
 @pytest.mark.slow
 def test_physics_of_the_thesis(tmp_path):
-    done = run_cli(tmp_path, "study", THESIS, "--out", "out", timeout=1800)
+    done = run_cli(tmp_path, "study", THESIS, "-j", 2, "--out", "out", timeout=1800)
     assert done.returncode == 0, done.stderr
-    windows = pd.read_csv(tmp_path / "out" / "windows.csv").set_index(["study", "window"])
-    assert set(windows.index.get_level_values(0)) == {p.stem for p in find(THESIS)}
-    verdicts = {
-        (study, name): windows.loc[(study, name), "verdict"]
-        for study, names in MUST_HOLD.items()
-        for name in names
-    }
-    assert {k for k, v in verdicts.items() if v != "holds"} == set()
-    # contradicts Fig. 31 at the identified pre-stretch (configs/thesis/identification.md): shown
-    closeness = windows.loc[
-        ("fig19", "force at 1 mm, Mooney-Rivlin 1.25 MPa over neo-Hookean 1 MPa")
-    ]
-    assert closeness["verdict"] == "does not hold"
-    assert closeness["largest"] == pytest.approx(1.116, abs=2e-3)
+    windows = pd.read_csv(tmp_path / "out" / "windows.csv")
+    assert set(windows["study"]) == {p.stem for p in find(THESIS)}
+    missed = windows[windows["verdict"] != "holds"]
+    assert {*zip(missed["study"], missed["window"], strict=True)} == CONTRADICTIONS
+    strokes = windows[windows["window"].str.startswith("change of the stroke")]
+    assert len(strokes) == 4
+    assert (strokes["verdict"] == "holds").sum() == 3  # all but Mooney-Rivlin by the energy form

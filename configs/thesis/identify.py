@@ -3,7 +3,7 @@
     python configs/thesis/identify.py            # about 15 minutes; writes identification.*
 
 Least squares over the windows of `windows.py`: no misfit inside a window, outside the distance over
-the window's width, ten times for bounds that are printed and a hundred times for the physics that
+the window's width, ten times for bounds that are printed and a thousand times for the physics that
 the thesis states. A weak pull to the windows' middles (2 %) makes the answer unique. The membrane
 model compares couplings, leaves figures out and draws the maps; dealib's finite elements refine
 the result, with derivatives from the membrane.

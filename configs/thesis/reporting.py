@@ -11,7 +11,7 @@ INTRODUCTION = """\
 Written by `python configs/thesis/identify.py`; every number below is computed. The thesis
 publishes none of these parameters. They are identified from all windows that its text and axes
 give (`windows.py`), by one least squares over soft intervals. The physics that the thesis states
-(constraints, bold figures below) counts a hundred times, other printed bounds ten times, inferred
+(constraints, bold figures below) counts a thousand times, other printed bounds ten times, inferred
 bounds once. Uncertainty takes half a window's width as one standard deviation of each quantity."""
 
 CLOSE = """\

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
-HARD = 100.0  # weight of a miss of a constraint
+HARD = 1000.0  # weight of a miss of a constraint
 PRINTED = 10.0  # weight of a miss of a bound that is printed: no curve leaves its axes
 
 
