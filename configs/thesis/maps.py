@@ -143,7 +143,7 @@ def _refit(p: Parameters, coupling: str, stretch: float) -> Fit:
 
     share = np.clip(tension(p.prestretch) / tension(stretch), 0.75, 1.5)
     start = replace(p, prestretch=stretch, film_thickness=p.film_thickness * float(share))
-    start = replace(start, permittivity=float(np.clip(p.permittivity * share, 2.1, 5.9)))
+    start = replace(start, permittivity=float(np.clip(p.permittivity * share, 2.1, 4.9)))
     return fit(
         membranes(),
         start,
