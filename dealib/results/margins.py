@@ -261,8 +261,6 @@ def fields(
     if config.limits.stretch_max is not None:
         stretch = principal_stretch(k.F * film.prestretch)
         found["stretch_use"] = stretch / config.limits.stretch_max
-    out = {}
-    for name, values in found.items():
-        out[name] = np.zeros(len(mesh.points))
-        mesh.average(values @ mesh.cell.from_gauss.T, cells, out[name])
+    out = {name: np.zeros(len(mesh.points)) for name in found}
+    mesh.average({n: values @ mesh.cell.from_gauss.T for n, values in found.items()}, cells, out)
     return out
