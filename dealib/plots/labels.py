@@ -29,7 +29,7 @@ _NAMES = {
 
 _KINDS = {
     "mm": "Length", "N": "Force", "kV": "Voltage", "µC": "Charge", "pF": "Capacitance",
-    "mJ": "Energy", "MV/m": "Field", "MPa": "Stress", "s": "Time",
+    "mJ": "Energy", "mW": "Power", "MV/m": "Field", "MPa": "Stress", "s": "Time",
 }  # fmt: skip
 
 

@@ -47,7 +47,7 @@ def rows(section: BaseModel) -> Rows:
     """Name and value of what a section of the config says."""
     given = section.model_dump(exclude_none=True)
     given = {k: given[k] for k in sorted(given, key=lambda k: k != "law")}  # the law comes first
-    return [(_words(k), text(v)) for k, v in given.items()]
+    return [(_words(k), text(v)) for k, v in given.items() if v != ()]
 
 
 def _words(key: str) -> str:
@@ -145,6 +145,7 @@ def energy(run: Run) -> Rows:
     h = run.history
     stored = h["elastic_energy_mJ"] + h["electric_energy_mJ"]
     residual = h["energy_residual_mJ"].abs().max()
+    lost = [("Dissipated in Maxwell branches", h.get("dissipated_energy_mJ"))]
     return [
         ("Work done at the mount", f"{_number(h['mount_work_mJ'].iloc[-1])} mJ"),
         ("Work done at the terminal", f"{_number(h['terminal_work_mJ'].iloc[-1])} mJ"),
@@ -152,6 +153,7 @@ def energy(run: Run) -> Rows:
             "Stored: change of elastic and electric energy",
             f"{_number(stored.iloc[-1] - stored[0])} mJ",
         ),
+        *((name, f"{_number(x.iloc[-1])} mJ") for name, x in lost if x is not None),
         ("Largest residual of the balance", f"{_number(residual)} mJ ({share(run):.2g} %)"),
     ]
 

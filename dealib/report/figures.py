@@ -56,7 +56,8 @@ def _uri(data: io.BytesIO, kind: str) -> str:
 def pictures(run: Run) -> dict[str, Picture]:
     """All pictures that the run has data for."""
     energies = [f"{k}_mJ" for k in ("mount_work", "terminal_work", "elastic_energy")]
-    energies += ["electric_energy_mJ", "energy_residual_mJ"]
+    energies += ["electric_energy_mJ", "dissipated_energy_mJ", "energy_residual_mJ"]
+    energies = [name for name in energies if name in run.history]
     found = {
         "overview": both(lambda look: overview([run]), "svg"),
         "energy": both(lambda look: curves([run], "time_s", energies), "svg"),
