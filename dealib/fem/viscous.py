@@ -1,12 +1,13 @@
 """Maxwell branches in finite elements: their potential over a time step, and their internal state.
 
 A time step of a branch ends at C_i = unimodular(H + w C), H and w fixed at its start
-(`evolution.step`). It is the minimum over unimodular C_i of G/2 tr((C + H/w) C_i^-1), which is
+(`evolution.Multiplicative`). It is the minimum over unimodular C_i of G/2 tr((C + H/w) C_i^-1),
 
     3 G / (2 w) det(H + w C)^(1/3).
 
-Its derivative in C is G/2 C_i^-1, the branch's stress: so one potential stands behind each step,
-the internal state needs no unknowns, and the tangent is symmetric.
+Its derivative in C is G/2 C_i^-1, the branch's stress. A transient network ends at
+C_i^-1 = H + w C^-1, where the term in C^-1 is a pressure: its potential is G/2 tr(H C). So one
+potential stands behind each step, no unknown is added, and the tangent is symmetric.
 """
 
 from __future__ import annotations
@@ -49,12 +50,14 @@ class MaxwellBranch:
     Attributes:
         solid: The solid that it belongs to.
         modulus: Its shear modulus, as a constant.
+        evolution: Of its internal metric.
         terms: The function of `step_terms`.
         index: Its number.
     """
 
     solid: Hyperelastic
     modulus: Any
+    evolution: str
     terms: Any
     index: int
 
@@ -68,15 +71,19 @@ class MaxwellBranch:
         rr, zz, tt, rz, w = (self.terms[_SIZE * self.index + i] for i in range(_SIZE))
         total = self.solid.total(F)
         C = jacobian(total) ** (-2.0 / 3.0) * total.T * total
-        M = ufl.as_matrix([[rr, rz, 0], [rz, zz, 0], [0, 0, tt]]) + w * C
-        return 1.5 * self.modulus / w * jacobian(M) ** (1.0 / 3.0) / self.solid.volume
+        H = ufl.as_matrix([[rr, rz, 0], [rz, zz, 0], [0, 0, tt]])
+        if self.evolution == "network":
+            return self.modulus / 2 * ufl.inner(H, C) / self.solid.volume
+        return 1.5 * self.modulus / w * jacobian(H + w * C) ** (1.0 / 3.0) / self.solid.volume
 
 
 def maxwell_branches(solid: Hyperelastic, branches: tuple[Branch, ...], terms: Any) -> list[Any]:
     """The potentials of a solid's branches."""
     mesh = terms.function_space.mesh
-    moduli = [constant(mesh, b.shear_modulus) for b in branches]
-    return [MaxwellBranch(solid, modulus, terms, i) for i, modulus in enumerate(moduli)]
+    return [
+        MaxwellBranch(solid, constant(mesh, b.shear_modulus), b.evolution, terms, i)
+        for i, b in enumerate(branches)
+    ]
 
 
 class _Part:
@@ -84,22 +91,20 @@ class _Part:
 
     Attributes:
         cells: Local cells.
-        modulus: Shear moduli, (branches, 1, 1), MPa.
-        time: Relaxation times, likewise, s.
+        branches: The branches.
         volume: Mesh volume of each quadrature point, (cells, points), mm^3; 0 in ghosts.
         prestretch: Constant of the solid, or None.
         C: Isochoric metric at the last converged state, (cells, points, 4).
         internal: C_i there, (branches, cells, points, 4).
-        start: C and C_i at the state before it.
+        terms: History and weight of the step, for each branch.
     """
 
     def __init__(self, cells: Any, branches: tuple[Branch, ...], volume: Array, prestretch: Any):
         self.cells, self.volume, self.prestretch = cells, volume, prestretch
-        self.modulus = np.reshape([b.shear_modulus for b in branches], (-1, 1, 1))
-        self.time = np.reshape([b.relaxation_time for b in branches], (-1, 1, 1))
+        self.branches = branches
         self.C = np.tile(evolution.IDENTITY, (*volume.shape, 1))
         self.internal = np.tile(self.C, (len(branches), 1, 1, 1))
-        self.terms: tuple[Array, Array] | None = None
+        self.terms: list[tuple[Array, Array]] = []
 
     @property
     def weights(self) -> Array:
@@ -107,11 +112,52 @@ class _Part:
         p = self.prestretch
         return self.volume if p is None else self.volume / float(np.prod(p.value))
 
+    def begin(self, duration: float) -> Array:
+        """Prepare a step; returns its terms, packed, (cells, points, branches, 5)."""
+        self.terms = [
+            rule.step(self.C, self.internal[k], duration / b.relaxation_time)
+            for k, b, rule in self._rules()
+        ]
+        return np.stack([np.concatenate([h, w[..., None]], -1) for h, w in self.terms], axis=2)
+
     def end(self, C: Array) -> Array:
         """C_i at the end of the step for a metric there."""
-        assert self.terms is not None, "a step has begun"
-        history, weight = self.terms
-        return evolution.unimodular(history + weight[..., None] * C)
+        return np.stack([rule.end(*self.terms[k], C) for k, _, rule in self._rules()])
+
+    def error(self, duration: float, C: Array, end: Array) -> tuple[float, float]:
+        """Square of how far implicit Euler ends from C_i = `end`, and its weight, as integrals.
+
+        It bounds the error of the step's second-order rule where steps are small.
+        """
+        square = weight = 0.0
+        for k, b, rule in self._rules():
+            first = rule.implicit(C, self.internal[k], duration / b.relaxation_time)
+            volume = b.shear_modulus * self.weights
+            square += float((volume * evolution.distance(first, end[k]) ** 2).sum())
+            weight += float(volume.sum())
+        return square, weight
+
+    def stored(self, C: Array, internal: Array) -> float:
+        """Energy stored in this rank's branches, mJ."""
+        return sum(
+            float((b.shear_modulus * self.weights * rule.stored(C, internal[k])).sum())
+            for k, b, rule in self._rules()
+        )
+
+    @property
+    def power(self) -> float:
+        """Power dissipated in them, mW."""
+        return sum(
+            float(
+                (self.weights * rule.power(self.C, self.internal[k])).sum()
+                * (b.shear_modulus / b.relaxation_time)
+            )
+            for k, b, rule in self._rules()
+        )
+
+    def _rules(self) -> Iterator[tuple[int, Branch, evolution.Evolution]]:
+        for k, branch in enumerate(self.branches):
+            yield k, branch, evolution.EVOLUTIONS[branch.evolution]
 
 
 class Viscosity:
@@ -157,24 +203,20 @@ class Viscosity:
         size = self._terms.function_space.dofmap.index_map_bs
         values = self._terms.x.array.reshape(-1, size)
         for part in self._parts.values():
-            part.terms = evolution.step(part.C, part.internal, duration / part.time)
-            history, weight = part.terms
-            packed = np.moveaxis(np.concatenate([history, weight[..., None]], axis=-1), 0, 2)
+            packed = part.begin(duration)
             count = packed.shape[2] * _SIZE
             values[dofs[part.cells], :count] = packed.reshape(*packed.shape[:2], count)
 
     def error(self) -> float:
         """Error of the branches' strain in the step just solved, of the order of its square.
 
-        Root mean square over the volume and, weighted by the moduli, over the branches; see
-        `evolution.strain_error` (collective).
+        Root mean square over the volume and, weighted by the moduli, over the branches, of what
+        implicit Euler would do otherwise (collective).
         """
         sums = np.zeros(2)
         self._ends = [(part, C, part.end(C)) for part, C in self._metrics()]
         for part, C, end in self._ends:
-            found = evolution.strain_error(C, part.internal, end, self._dt / part.time)
-            weights = part.modulus * part.weights
-            sums += (weights * found**2).sum(), weights.sum()
+            sums += part.error(self._dt, C, end)
         total = self._mesh.comm.allreduce(sums, op=MPI.SUM)
         return float(np.sqrt(total[0] / total[1]))
 
@@ -188,9 +230,7 @@ class Viscosity:
         ends = self._ends or [(part, C, part.end(C)) for part, C in self._metrics()]
         for part, C, internal in ends:
             for at in (part.C, C):
-                before = evolution.stored(part.modulus, at, part.internal)
-                after = evolution.stored(part.modulus, at, internal)
-                lost += float((part.weights * (before - after)).sum()) / 2
+                lost += (part.stored(at, part.internal) - part.stored(at, internal)) / 2
             part.C, part.internal = C, internal
         self._ends = None
         self.dissipated += self._total(lost)
@@ -200,22 +240,12 @@ class Viscosity:
     @property
     def stored(self) -> float:
         """Energy stored in the branches, mJ (collective)."""
-        return self._total(
-            sum(
-                float((p.weights * evolution.stored(p.modulus, p.C, p.internal)).sum())
-                for p in self._parts.values()
-            )
-        )
+        return self._total(sum(p.stored(p.C, p.internal) for p in self._parts.values()))
 
     @property
     def power(self) -> float:
         """Dissipated power, mW (collective)."""
-        return self._total(
-            sum(
-                float((p.weights * evolution.power(p.modulus, p.time, p.C, p.internal)).sum())
-                for p in self._parts.values()
-            )
-        )
+        return self._total(sum(p.power for p in self._parts.values()))
 
     def gather(self) -> Array | None:
         """C_i of the whole mesh on rank 0, (cells, points, branches, 4) (collective).
@@ -223,11 +253,11 @@ class Viscosity:
         Cells are those of `local.branch_cells`, points those of the quadrature; what a cell has
         fewer branches than others is 1.
         """
-        count = max(len(p.modulus) for p in self._parts.values())
+        count = max(len(p.branches) for p in self._parts.values())
         shape = (len(self._layout.corners), len(self._points), count, 4)
         values = np.tile(evolution.IDENTITY, (*shape[:-1], 1))
         for part in self._parts.values():
-            values[part.cells, :, : len(part.modulus)] = np.moveaxis(part.internal, 0, 2)
+            values[part.cells, :, : len(part.branches)] = np.moveaxis(part.internal, 0, 2)
         whole = self._layout.gather_cells(values)
         if whole is None or self._layout.mesh is None:
             return None
@@ -262,7 +292,7 @@ class Viscosity:
         whole = self._mesh.comm.bcast(whole, root=0)
         mine = whole[compat.original_cells(self._mesh)]
         for part, C in self._metrics():
-            kept = mine[part.cells][:, :, : len(part.modulus)]
+            kept = mine[part.cells][:, :, : len(part.branches)]
             part.C, part.internal = C, np.moveaxis(kept, 2, 0).copy()
         self.dissipated = dissipated
 

@@ -1,10 +1,12 @@
 """Maxwell branches beside a hyperelastic law: their parameters.
 
-A branch stores G/2 (tr(C C_i^-1) - 3), where C is the isochoric part of F^T F and C_i, det C_i = 1,
-the metric that it would relax to (`dealib.materials.evolution` says how).
+A branch stores G/2 (tr(C C_i^-1) - 3), where C is the isochoric part of F^T F and C_i the metric
+that it would relax to (`dealib.materials.evolution` says how).
 """
 
 from __future__ import annotations
+
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -18,6 +20,11 @@ class Branch(BaseModel):
 
     shear_modulus: Stress = Field(gt=0, description="it adds to the law's when loaded fast")
     relaxation_time: Time = Field(gt=0, description="of its stress at constant, small strain")
+    evolution: Literal["multiplicative", "network"] = Field(
+        "multiplicative",
+        description="of its internal metric at large strain; multiplicative: it keeps its "
+        "determinant; network: a transient network, linear, as in published branches of VHB",
+    )
 
 
 class Viscoelastic(BaseModel):

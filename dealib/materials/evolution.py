@@ -1,17 +1,12 @@
-"""How the internal metric of a Maxwell branch evolves at a point, in numpy.
-
-A branch stores G/2 (tr(C C_i^-1) - 3), where C is the isochoric part of F^T F and C_i, det C_i = 1,
-the metric that it would relax to, and relaxes by
-
-    dC_i/dt = (C - l C_i) / tau,    l = tr(C C_i^-1) / 3.
+"""How the internal metric C_i of a Maxwell branch evolves at a point, in numpy.
 
 Symmetric tensors without shear out of the meridian plane are packed: components (RR, ZZ, theta
-theta, RZ) on the last axis.
+theta, RZ) on the last axis. C is the isochoric part of F^T F.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -60,52 +55,114 @@ def isochoric(F: Any) -> Array:
     return unimodular(pack(np.swapaxes(F, -1, -2) @ F))
 
 
-def step(C: Array, internal: Array, ratio: Any) -> tuple[Array, Array]:
-    """The two terms of a time step: C_i at its end is unimodular(history + weight C at its end).
+class Evolution(Protocol):
+    """One evolution of C_i, and the energies that belong to it.
 
-    With C linear in time and l constant over the step the equation above has a closed solution but
-    for a factor, which det C_i = 1 gives: an exponential rule. It is of second order, exact at
-    small strain for polylines of the strain, and unconditionally stable with a positive definite
-    `history`. The rule of first order, unimodular(C_i + ratio C), is that of Shutov, Landgraf and
-    Ihlemann (Comput. Methods Appl. Mech. Engrg. 265 (2013) 213): an implicit Euler step is
-    (1 + ratio l) C_i(n+1) = C_i(n) + ratio C(n+1), where det C_i = 1 again gives the factor.
-
-    Args:
-        C: Isochoric metric at the start, (..., 4).
-        internal: C_i at the start.
-        ratio: Time step over relaxation time.
-
-    Returns:
-        History, (..., 4), and weight, (...).
+    A time step is of second order, exact at small strain for polylines of the strain, and stable
+    whatever its length.
     """
-    rate = contract(C, inverted(internal)) / 3
-    k = rate * ratio
+
+    def step(self, C: Array, internal: Array, ratio: float) -> tuple[Array, Array]:
+        """What a time step takes from its start: history, (..., 4), and weight, (...).
+
+        Args:
+            C: Isochoric metric at the start, (..., 4).
+            internal: C_i at the start.
+            ratio: Time step over relaxation time.
+        """
+
+    def end(self, history: Array, weight: Array, C: Array) -> Array:
+        """C_i at the end of the step for a metric there."""
+
+    def implicit(self, C: Array, internal: Array, ratio: float) -> Array:
+        """The same by an implicit Euler step, of first order."""
+
+    def stored(self, C: Array, internal: Array) -> Array:
+        """Energy density over the modulus."""
+
+    def power(self, C: Array, internal: Array) -> Array:
+        """Dissipated power density over the modulus, times the relaxation time."""
+
+
+def _weights(k: Array) -> tuple[Array, Array, Array]:
+    """Decay over a step of k relaxation times, and the weights of a load at its start and end."""
     decay = np.exp(-k)
     mean = -np.expm1(-k) / k  # of the decay over the step
     small = k < 1e-4
-    new = np.where(small, k / 2 - k**2 / 6 + k**3 / 24, 1 - mean)
     old = np.where(small, k / 2 - k**2 / 3 + k**3 / 8, mean - decay)
-    history = decay[..., None] * internal + (old / rate)[..., None] * C
-    return history, new / rate
+    new = np.where(small, k / 2 - k**2 / 6 + k**3 / 24, 1 - mean)
+    return decay, old, new
 
 
-def strain_error(C: Array, before: Array, after: Array, ratio: Any) -> Array:
-    """How far the rule of first order ends from C_i = `after`: a strain, shape (...).
+class Multiplicative:
+    """Multiplicative: dC_i/dt = (C - l C_i) / tau with l = tr(C C_i^-1) / 3, so that det C_i = 1.
 
-    It bounds the error of the step's second-order rule where steps are small.
+    With C linear in time and l constant over a step this has a closed solution but for a factor,
+    which det C_i = 1 gives. Its rule of first order is that of Shutov, Landgraf and Ihlemann
+    (Comput. Methods Appl. Mech. Engrg. 265 (2013) 213): implicit Euler is
+    (1 + ratio l) C_i(n+1) = C_i(n) + ratio C(n+1), where det C_i = 1 again gives the factor.
     """
-    first = unimodular(before + np.asarray(ratio)[..., None] * C)
-    X = unpack(inverted(after)) @ unpack(first - after)
+
+    def step(self, C: Array, internal: Array, ratio: float) -> tuple[Array, Array]:
+        """See `Evolution`."""
+        rate = contract(C, inverted(internal)) / 3
+        decay, old, new = _weights(rate * ratio)
+        return decay[..., None] * internal + (old / rate)[..., None] * C, new / rate
+
+    def end(self, history: Array, weight: Array, C: Array) -> Array:
+        """See `Evolution`."""
+        return unimodular(history + weight[..., None] * C)
+
+    def implicit(self, C: Array, internal: Array, ratio: float) -> Array:
+        """See `Evolution`."""
+        return unimodular(internal + ratio * C)
+
+    def stored(self, C: Array, internal: Array) -> Array:
+        """See `Evolution`: (tr(C C_i^-1) - 3) / 2."""
+        return np.asarray((contract(C, inverted(internal)) - 3) / 2)
+
+    def power(self, C: Array, internal: Array) -> Array:
+        """See `Evolution`: tr(B dev B) / 2 with B = C C_i^-1, from dC_i/dt."""
+        B = unpack(C) @ unpack(inverted(internal))
+        square = np.einsum("...ij,...ji", B, B)
+        return np.asarray((square - np.trace(B, axis1=-2, axis2=-1) ** 2 / 3) / 2)
+
+
+class Network:
+    """Transient network: d(C_i^-1)/dt = (C^-1 - C_i^-1) / tau.
+
+    Linder, Tkachuk and Miehe, J. Mech. Phys. Solids 59 (2011) 2134. The history is one of C_i^-1.
+    """
+
+    def step(self, C: Array, internal: Array, ratio: float) -> tuple[Array, Array]:
+        """See `Evolution`."""
+        decay, old, new = _weights(np.full(C.shape[:-1], ratio))
+        history = decay[..., None] * inverted(internal) + old[..., None] * inverted(C)
+        return history, new
+
+    def end(self, history: Array, weight: Array, C: Array) -> Array:
+        """See `Evolution`."""
+        return inverted(history + weight[..., None] * inverted(C))
+
+    def implicit(self, C: Array, internal: Array, ratio: float) -> Array:
+        """See `Evolution`."""
+        return inverted((inverted(internal) + ratio * inverted(C)) / (1 + ratio))
+
+    def stored(self, C: Array, internal: Array) -> Array:
+        """See `Evolution`: (tr(C C_i^-1) - 3 + ln det C_i) / 2."""
+        return np.asarray((contract(C, inverted(internal)) - 3 + np.log(determinant(internal))) / 2)
+
+    def power(self, C: Array, internal: Array) -> Array:
+        """See `Evolution`: (tr(C C_i^-1) + tr(C_i C^-1) - 6) / 2, from d(C_i^-1)/dt."""
+        return np.asarray(
+            (contract(C, inverted(internal)) + contract(internal, inverted(C)) - 6) / 2
+        )
+
+
+EVOLUTIONS: dict[str, Evolution] = {"multiplicative": Multiplicative(), "network": Network()}
+
+
+def distance(one: Array, other: Array) -> Array:
+    """Strain between two internal metrics, shape (...)."""
+    X = unpack(inverted(other)) @ unpack(one - other)
     return np.asarray(np.sqrt(np.abs(np.einsum("...ij,...ji", X, X))) / 2)
-
-
-def stored(modulus: Any, C: Array, internal: Array) -> Array:
-    """Energy density of a branch, MPa."""
-    return np.asarray(modulus / 2 * (contract(C, inverted(internal)) - 3))
-
-
-def power(modulus: Any, time: Any, C: Array, internal: Array) -> Array:
-    """Dissipated power density, MPa/s: G/(2 tau) tr(B dev B) with B = C C_i^-1, from dC_i/dt."""
-    B = unpack(C) @ unpack(inverted(internal))
-    square = np.einsum("...ij,...ji", B, B)
-    return np.asarray(modulus / (2 * time) * (square - np.trace(B, axis1=-2, axis2=-1) ** 2 / 3))
