@@ -219,7 +219,7 @@ def test_cut_back_steps_leave_no_trace():
     cut = history(program=given.format(1), solver__max_iterations=4, **off)
     assert len(cut) > 3
     simulation = dealib.Simulation(case(program=given.format(1), **off))
-    times = cut["time_s"].to_numpy()
+    times = cut["time_s"].tolist()
     stages = ", ".join(
         f"{{stage: s, duration: {b - a!r} s, mount: {{displacement: {-b!r} mm}}}}"
         for a, b in itertools.pairwise(times)
