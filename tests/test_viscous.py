@@ -273,32 +273,53 @@ def test_two_ranks_agree(run, tmp_path):
 # --- results -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("stop", [3, 10, 17])
-def test_resume_goes_on_as_if_never_stopped(run, tmp_path, stop):
-    class Enough(Exception):
+class Enough(Exception):
+    pass
+
+
+class Stop:
+    """Ends a run after a step."""
+
+    def __init__(self, step):
+        self.step = step
+
+    def start(self, simulation):
         pass
 
-    class Stop:
-        def start(self, simulation):
-            pass
+    def see(self, state):
+        if state.row["step"] == self.step:
+            raise Enough
 
-        def see(self, state):
-            if state.row["step"] == stop:
-                raise Enough
+    def stop(self, error):
+        pass
 
-        def stop(self, error):
-            pass
 
-    with pytest.raises(Enough):
-        dealib.simulate(case(), tmp_path / "run", observers=[Stop()])
-    resumed = dealib.simulate(case(), tmp_path / "run", resume=True)
-    assert len(resumed.history) == len(run.history) > stop + 2
+def assert_same(resumed, run):
+    assert len(resumed.history) == len(run.history)
     for name in run.history.columns.drop(["stage", "newton_iterations"]):
         expected = run.history[name].to_numpy()
         size = max(np.abs(expected).max(), 1e-9)
         assert resumed.history[name].to_numpy() == pytest.approx(expected, abs=1e-10 * size), name
     assert resumed.internal() == pytest.approx(run.internal(), abs=1e-10)
     assert len(resumed.stored_steps) == len(resumed.history)
+
+
+@pytest.mark.parametrize("stop", [3, 10, 17])
+def test_resume_goes_on_as_if_never_stopped(run, tmp_path, stop):
+    with pytest.raises(Enough):
+        dealib.simulate(case(), tmp_path / "run", observers=[Stop(stop)])
+    assert_same(dealib.simulate(case(), tmp_path / "run", resume=True), run)
+
+
+@pytest.mark.mpi
+def test_resume_on_two_ranks(run, tmp_path):
+    with pytest.raises(Enough):
+        dealib.simulate(case(), tmp_path / "run", observers=[Stop(7)])
+    code, errors = finish(
+        start(2, "-m", "dealib", "run", FILE, "--out", tmp_path / "run", "--resume")
+    )
+    assert code == 0, errors
+    assert_same(dealib.open(tmp_path / "run"), run)
 
 
 def test_one_internal_state_is_kept_beside_the_checkpoint(run):
