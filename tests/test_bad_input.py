@@ -388,7 +388,7 @@ def test_bad_override(dealib, tmp_path, assignment, expected):
     expected = [expected] if isinstance(expected, str) else expected
     said = "\n".join(f"--set {assignment}: {e}" for e in expected)
     code, out, err = dealib("check", path, "--set", assignment)
-    known = "library, relative_permittivity, prestretch, branches, "
+    known = "library, relative_permittivity, prestretch, mounted, branches, "
     assert (code, out) == (2, "")
     assert err == f"dealib: {said}\n".replace("KEYS", known + keys)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING, Annotated, Any, Union
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import BaseModel, BeforeValidator, Field, create_model, model_validator
 
@@ -48,6 +48,11 @@ class FilmProperties(Named):
         tuple[Stretch, Stretch],
         BeforeValidator(_pair, json_schema_input_type=Stretch | tuple[Stretch, Stretch]),
     ] = Field((1.0, 1.0), description="in-plane pre-stretch: equal-biaxial, or [radial, hoop]")
+    mounted: Literal["relaxed", "fresh"] = Field(
+        "relaxed",
+        description="state of the branches at the start; relaxed: stretched long ago; fresh: just "
+        "now, so that they carry the pre-stretch and relax from there",
+    )
 
     @property
     def permittivity(self) -> StretchPermittivity:

@@ -15,6 +15,7 @@ from dolfinx import fem
 
 from dealib.config.schema import Config
 from dealib.fem import compat
+from dealib.fem.branches import maxwell_branches, step_terms
 from dealib.fem.constraints import ConstraintMap, build
 from dealib.fem.couplings import COUPLINGS, Coupling
 from dealib.fem.device import KIND_TAGS, Device, Spaces, build_device, build_spaces
@@ -29,7 +30,6 @@ from dealib.fem.energies import (
     parameters,
 )
 from dealib.fem.kinematics import Axisymmetric
-from dealib.fem.viscous import maxwell_branches, step_terms
 from dealib.geometry import names
 from dealib.geometry.supports import Support, supports
 from dealib.materials import Law, invariants_of_stretches, thickness_stretch

@@ -1,89 +1,24 @@
-"""Maxwell branches in finite elements: their potential over a time step, and their internal state.
-
-A time step of a branch ends at C_i = unimodular(H + w C), H and w fixed at its start
-(`evolution.Multiplicative`). It is the minimum over unimodular C_i of G/2 tr((C + H/w) C_i^-1),
-
-    3 G / (2 w) det(H + w C)^(1/3).
-
-Its derivative in C is G/2 C_i^-1, the branch's stress. A transient network ends at
-C_i^-1 = H + w C^-1, where the term in C^-1 is a pressure: its potential is G/2 tr(H C). So one
-potential stands behind each step, no unknown is added, and the tangent is symmetric.
-"""
+"""The internal state of Maxwell branches at the quadrature points, advanced step by step."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 from mpi4py import MPI
 
 import numpy as np
-import ufl
-from dolfinx import fem
 
 from dealib.fem import compat
-from dealib.fem.device import KINDS, Device
-from dealib.fem.energies import Hyperelastic, constant
-from dealib.fem.kinematics import jacobian
+from dealib.fem.branches import SIZE
+from dealib.fem.device import KINDS
 from dealib.fem.layout import Layout
 from dealib.materials import evolution
 from dealib.materials.branches import Branch
 from dealib.results import local
 from dealib.results.elements import Array, Cell
 
-_SIZE = 5  # of a branch at a point: H, packed, and w
-
-
-def step_terms(device: Device, degree: int, branches: int) -> Any:
-    """A function that holds H and w of all branches at the quadrature points: relaxed ones."""
-    element = compat.quadrature_element(device.mesh, degree, _SIZE * branches)
-    terms = fem.Function(compat.functionspace(device.mesh, element), name="branches")
-    terms.x.array.reshape(-1, _SIZE)[:] = (0, 0, 0, 0, 1)
-    return terms
-
-
-@dataclass(frozen=True)
-class MaxwellBranch:
-    """The potential of one branch over a time step.
-
-    Attributes:
-        solid: The solid that it belongs to.
-        modulus: Its shear modulus, as a constant.
-        evolution: Of its internal metric.
-        terms: The function of `step_terms`.
-        index: Its number.
-    """
-
-    solid: Hyperelastic
-    modulus: Any
-    evolution: str
-    terms: Any
-    index: int
-
-    @property
-    def kind(self) -> str:
-        """See `Energy`."""
-        return self.solid.kind
-
-    def density(self, F: Any, E: Any) -> Any:
-        """See `Energy`."""
-        rr, zz, tt, rz, w = (self.terms[_SIZE * self.index + i] for i in range(_SIZE))
-        total = self.solid.total(F)
-        C = jacobian(total) ** (-2.0 / 3.0) * total.T * total
-        H = ufl.as_matrix([[rr, rz, 0], [rz, zz, 0], [0, 0, tt]])
-        if self.evolution == "network":
-            return self.modulus / 2 * ufl.inner(H, C) / self.solid.volume
-        return 1.5 * self.modulus / w * jacobian(H + w * C) ** (1.0 / 3.0) / self.solid.volume
-
-
-def maxwell_branches(solid: Hyperelastic, branches: tuple[Branch, ...], terms: Any) -> list[Any]:
-    """The potentials of a solid's branches."""
-    mesh = terms.function_space.mesh
-    return [
-        MaxwellBranch(solid, constant(mesh, b.shear_modulus), b.evolution, terms, i)
-        for i, b in enumerate(branches)
-    ]
+_INSTANT = 1e-12  # s, in which nothing relaxes
 
 
 class _Part:
@@ -92,12 +27,15 @@ class _Part:
     Attributes:
         cells: Local cells.
         branches: The branches.
+        fresh: Whether they carry the pre-stretch at the start.
         volume: Mesh volume of each quadrature point, (cells, points), mm^3; 0 in ghosts.
         prestretch: Constant of the solid, or None.
         C: Isochoric metric at the last converged state, (cells, points, 4).
         internal: C_i there, (branches, cells, points, 4).
         terms: History and weight of the step, for each branch.
     """
+
+    fresh = False
 
     def __init__(self, cells: Any, branches: tuple[Branch, ...], volume: Array, prestretch: Any):
         self.cells, self.volume, self.prestretch = cells, volume, prestretch
@@ -184,6 +122,9 @@ class Viscosity:
             if kind in problem.device.kinds and law is not None and law.branches:
                 stretch = problem.prestretch if kind == "film" else None
                 self._parts[kind] = _Part(cells, law.branches, volume[cells], stretch)
+            if kind == "film" and kind in self._parts and m.film.mounted == "fresh":
+                self._parts[kind].fresh = True
+                self._write(self._parts[kind], _INSTANT)
         self._dt = 0.0
         self._ends: list[tuple[_Part, Array, Array]] | None = None
         self.dissipated = 0.0
@@ -191,21 +132,25 @@ class Viscosity:
     # --- steps -----------------------------------------------------------------------------------
 
     def rest(self) -> None:
-        """Take the current state as the one in which all branches are relaxed."""
+        """Take the current state as the mounted one, in which branches are relaxed unless fresh."""
         for part, C in self._metrics():
-            part.C, part.internal[:] = C, C
+            part.C, part.internal[:] = C, evolution.IDENTITY if part.fresh else C
         self.dissipated = 0.0
 
     def begin(self, duration: float) -> None:
         """Prepare a step from the last converged state, in s."""
         self._dt, self._ends = duration, None
+        for part in self._parts.values():
+            self._write(part, duration)
+
+    def _write(self, part: _Part, duration: float) -> None:
+        """Prepare a step of one part."""
         dofs = compat.cell_dofs(self._terms.function_space)
         size = self._terms.function_space.dofmap.index_map_bs
         values = self._terms.x.array.reshape(-1, size)
-        for part in self._parts.values():
-            packed = part.begin(duration)
-            count = packed.shape[2] * _SIZE
-            values[dofs[part.cells], :count] = packed.reshape(*packed.shape[:2], count)
+        packed = part.begin(duration)
+        count = packed.shape[2] * SIZE
+        values[dofs[part.cells], :count] = packed.reshape(*packed.shape[:2], count)
 
     def error(self) -> float:
         """Error of the branches' strain in the step just solved, of the order of its square.

@@ -1,0 +1,78 @@
+"""Maxwell branches as energies: their potential over a time step.
+
+A time step of a branch ends at C_i = unimodular(H + w C), H and w fixed at its start
+(`evolution.Multiplicative`). It is the minimum over unimodular C_i of G/2 tr((C + H/w) C_i^-1),
+
+    3 G / (2 w) det(H + w C)^(1/3).
+
+Its derivative in C is G/2 C_i^-1, the branch's stress. A transient network ends at
+C_i^-1 = H + w C^-1, where the term in C^-1 is a pressure: its potential is G/2 tr(H C). So one
+potential stands behind each step, no unknown is added, and the tangent is symmetric.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import ufl
+from dolfinx import fem
+
+from dealib.fem import compat
+from dealib.fem.device import Device
+from dealib.fem.energies import Energy, Hyperelastic, constant
+from dealib.fem.kinematics import jacobian
+from dealib.materials.branches import Branch
+
+SIZE = 5  # of a branch at a point: H, packed, and w
+
+
+def step_terms(device: Device, degree: int, branches: int) -> Any:
+    """A function that holds H and w of all branches at the quadrature points: relaxed ones."""
+    element = compat.quadrature_element(device.mesh, degree, SIZE * branches)
+    terms = fem.Function(compat.functionspace(device.mesh, element), name="branches")
+    terms.x.array.reshape(-1, SIZE)[:] = (0, 0, 0, 0, 1)
+    return terms
+
+
+@dataclass(frozen=True)
+class MaxwellBranch:
+    """The potential of one branch over a time step.
+
+    Attributes:
+        solid: The solid that it belongs to.
+        modulus: Its shear modulus, as a constant.
+        evolution: Of its internal metric.
+        terms: The function of `step_terms`.
+        index: Its number.
+    """
+
+    solid: Hyperelastic
+    modulus: Any
+    evolution: str
+    terms: Any
+    index: int
+
+    @property
+    def kind(self) -> str:
+        """See `Energy`."""
+        return self.solid.kind
+
+    def density(self, F: Any, E: Any) -> Any:
+        """See `Energy`."""
+        rr, zz, tt, rz, w = (self.terms[SIZE * self.index + i] for i in range(SIZE))
+        total = self.solid.total(F)
+        C = jacobian(total) ** (-2.0 / 3.0) * total.T * total
+        H = ufl.as_matrix([[rr, rz, 0], [rz, zz, 0], [0, 0, tt]])
+        if self.evolution == "network":
+            return self.modulus / 2 * ufl.inner(H, C) / self.solid.volume
+        return 1.5 * self.modulus / w * jacobian(H + w * C) ** (1.0 / 3.0) / self.solid.volume
+
+
+def maxwell_branches(solid: Hyperelastic, branches: tuple[Branch, ...], terms: Any) -> list[Energy]:
+    """The potentials of a solid's branches."""
+    mesh = terms.function_space.mesh
+    return [
+        MaxwellBranch(solid, constant(mesh, b.shear_modulus), b.evolution, terms, i)
+        for i, b in enumerate(branches)
+    ]
