@@ -10,15 +10,14 @@ from conftest import case, history
 from scipy.optimize import minimize_scalar
 from typer.testing import CliRunner
 from verification import free_block as block
+from verification.branches import follow_block
 
 import dealib
 from dealib.cli.app import app
 from dealib.config.bias import Bistable, Spring
 from dealib.errors import ConfigError, NotConverged
 from dealib.materials import thickness_stretch
-from dealib.program.follow import LIMIT_POINT, Branch
-from dealib.program.pair import Pair, size
-from dealib.program.predictor import Predictor
+from dealib.program.follow import LIMIT_POINT
 from dealib.results.summary import critical_points
 from dealib.units import EPSILON_0
 
@@ -26,21 +25,6 @@ NEO, MOONEY, GENT = block.mooney_rivlin_of(0.0), block.mooney_rivlin_of(0.2), bl
 
 
 # --- a homogeneous block, whose whole branch is known --------------------------------------------
-
-
-def follow_block(rubber, kappa, stretch, steps):
-    """Voltage and charge of a free block up to the charge of a stretch: rows of what was found."""
-    bench = block.block(rubber, kappa)
-    end = block.charge_at(
-        np.sqrt((stretch**-2 - stretch**-8) * rubber.stiffening(stretch)), stretch
-    )
-    pair = Pair("voltage", "charge", (size(bench.problem, "voltage"), end))
-    branch = Branch(
-        bench.newton, bench.problem.config.solver, Predictor(), pair, end, steps
-    )  # fmt: skip
-    for found in branch.run():
-        yield bench.voltage, bench.charge, block.stretch(bench), found
-    assert bench.charge == pytest.approx(end, rel=1e-9)
 
 
 @pytest.mark.parametrize(

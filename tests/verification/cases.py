@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from verification import (
+    branches,
     conservation,
     free_block,
     manufactured,
@@ -20,6 +21,9 @@ CASES = (
     Case("free_block-mooney_rivlin", free_block.mooney_rivlin),
     Case("free_block-gent", free_block.gent),
     Case("free_block-permittivity", free_block.permittivity),
+    Case("branch-neo_hookean", branches.neo_hookean),
+    Case("branch-mooney_rivlin", branches.mooney_rivlin),
+    Case("branch-membrane", branches.membrane, slow=True),
     Case("membrane-tabulated", membrane.tabulated, slow=True),
     Case("membrane-voltage", membrane.voltage),
     Case("membrane-no_voltage", membrane.no_voltage, slow=True),
