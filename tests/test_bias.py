@@ -240,6 +240,12 @@ def test_equilibria_of_the_chart_are_those_of_runs():
     assert film == pytest.approx(pushed["force_N"].iloc[-1], abs=1e-6)
 
 
+def test_maxwell_branches_relax_in_the_chart():
+    slow = "[{shear_modulus: 0.2 MPa, relaxation_time: 5 s}]"
+    (e,) = chart(case(NEGATIVE, materials__film__branches=slow)).equilibria[2.5]
+    assert e.displacement == pytest.approx(history(NEGATIVE)["displacement_mm"].iloc[16], abs=1e-8)
+
+
 def on_a_strong_spring(grams):
     spring = "{rate: -0.5 N/mm, well: 1.5 mm, anchor: -1.6 mm}"
     mount = f"{{bias: [{{bistable: {spring}}}, {{mass: {grams} g}}]}}"

@@ -40,7 +40,7 @@ def chart(
     """The chart of the last bias in a case's program.
 
     Args:
-        case: The case; its air, materials, mesh and solver are taken as they are.
+        case: The case; of its materials the law alone counts, without Maxwell branches.
         voltage: Full voltage, kV; default the program's largest.
         reach: Lowest and highest displacement, mm; default where bias and film can meet.
         points: Solved points of each curve.
@@ -53,6 +53,7 @@ def chart(
     volts = _full_voltage(case) if voltage is None else voltage
     if volts == 0:
         raise ConfigError("the program applies no voltage; give one with --voltage")
+    case = _in_the_long_run(case)
     simulation = Simulation(case)
     drives = mount_drives(
         given, 0.0, 0.0, sample=partial(second_film, case.config, simulation.comm)
@@ -69,6 +70,15 @@ def chart(
         net = partial(_net, curve, bias)
         equilibria[at] = [_exact(simulation, solved, at, x, curve, bias) for x in crossings(u, net)]
     return BiasChart(case.config.name, u, film, force, equilibria)
+
+
+def _in_the_long_run(case: Case) -> Case:
+    """Without Maxwell branches: equilibria are states in which these have relaxed."""
+    given = case.config.materials
+    laws = {name: getattr(given, name) for name in ("film", "electrode")}
+    elastic = {k: law and law.model_copy(update={"branches": ()}) for k, law in laws.items()}
+    materials = given.model_copy(update=elastic)
+    return replace(case, config=case.config.model_copy(update={"materials": materials}))
 
 
 def _bias(case: Case) -> MountInput:

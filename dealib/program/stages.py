@@ -139,7 +139,10 @@ def _failure(of: Simulation, stage: Stage, at: float) -> str:
     if stage.stage == "prestrain":
         return f"stage 'prestrain' stopped at {at:.4g} of the pre-stretch; {hint}"
     if voltage:
-        hint += "; if this is pull-in, prescribe the charge or the displacement instead"
+        hint += (
+            "; if this is pull-in, prescribe the charge or the displacement instead, or follow "
+            "the branch (`follow` in configs/REFERENCE.md)"
+        )
     return (
         f"stage {stage.stage!r} stopped after t = {of.progress.time:.6g} s, "
         f"on the way to {inputs}; everything up to there is kept. Try: {hint}"
