@@ -118,7 +118,7 @@ def stiffness(law: Law, first: Any, second: Any) -> Array:
 def curvature(law: Law, first: Any, second: Any) -> tuple[Array, Array]:
     """First and second derivatives of W by x = ln l1 and y = ln l2, at l3 = 1 / (l1 l2), MPa.
 
-    Complex steps, exact to rounding, and central differences of them, good to 1e-8.
+    Complex steps, exact to rounding, and central differences of them, good to 1e-10.
 
     Args:
         law: Law with its parameters.
@@ -129,7 +129,7 @@ def curvature(law: Law, first: Any, second: Any) -> tuple[Array, Array]:
         (W_x, W_y), shape (2, ...), and (W_xx, W_yy, W_xy), shape (3, ...); NaN beyond a law's
         locking stretch, where there is no energy.
     """
-    p, step, h = law.values, 1e-8, 1e-30
+    p, step, h = law.values, 3e-6, 1e-30
     l1, l2 = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
 
     def slope(a: float, b: float, along: int) -> Array:
