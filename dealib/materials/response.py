@@ -129,7 +129,7 @@ def curvature(law: Law, first: Any, second: Any) -> tuple[Array, Array]:
         (W_x, W_y), shape (2, ...), and (W_xx, W_yy, W_xy), shape (3, ...); NaN beyond a law's
         locking stretch, where there is no energy.
     """
-    p, step, h = law.values, 1e-5, 1e-30
+    p, step, h = law.values, 3e-6, 1e-30
     l1, l2 = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
 
     def slope(a: float, b: float, along: int) -> Array:
