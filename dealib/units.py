@@ -30,6 +30,7 @@ DIMENSIONS = {
     "voltage": ("kV", "2.5 kV"),
     "charge": ("uC", "0.5 uC"),
     "electric field": ("kV/mm", "80 V/um"),
+    "resistance": ("Gohm", "10 kohm"),
 }
 
 # the usual units, internal unit -> factors: with them alone a config needs no pint (0.3 s)
@@ -42,6 +43,7 @@ USUAL = {
     "N/mm": {"N/mm": 1.0, "N/m": 1e-3},
     "kV": {"kV": 1.0, "V": 1e-3},
     "uC": {"mC": 1e3, "uC": 1.0, "nC": 1e-3},
+    "Gohm": {"Gohm": 1.0, "Mohm": 1e-3, "kohm": 1e-6, "ohm": 1e-9},
     "kV/mm": {"kV/mm": 1.0, "V/um": 1.0, "MV/m": 1.0},
 }
 
@@ -167,9 +169,10 @@ if TYPE_CHECKING:
     Voltage: TypeAlias = float
     Charge: TypeAlias = float
     ElectricField: TypeAlias = float
+    Resistance: TypeAlias = float
 else:
     Length, Time, Force, Mass, Stress = map(
         _quantity, ("length", "time", "force", "mass", "stress")
     )
     Stiffness, Voltage, Charge = map(_quantity, ("stiffness", "voltage", "charge"))
-    ElectricField = _quantity("electric field")
+    ElectricField, Resistance = map(_quantity, ("electric field", "resistance"))

@@ -18,11 +18,13 @@ CONFIG_NAMES = {
     "deap200",
     "deap75",
     "elastosil",
+    "harvesting",  # in test_sensing.py
     "hysteresis",
     "margins",  # in test_margins.py
     "membrane",
     "own_mesh",
     "pull_in",
+    "sensing",  # in test_sensing.py
     "snap_through",
     "tables",
 }

@@ -307,6 +307,22 @@ def bias(
     draw_chart(load(config, set), voltage, reach, out, dark, overwrite)
 
 
+@app.command()
+def sense(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="run directories")],
+    at: Annotated[
+        str | None, typer.Option(metavar="PF,KV", help="only turn this state into a displacement")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="picture; default in RUN/plots/")] = None,
+    dark: Dark = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Map the capacitance over displacement and voltage, and go back from it (self-sensing)."""
+    from dealib.cli.sense import sense as draw
+
+    typer.echo(draw(runs, at, out, dark, overwrite))
+
+
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="YAML file, or a folder of them")]
 StudyOut = Annotated[Path | None, typer.Option(help="folder; default runs/studies/NAME")]
 CacheFolder = Annotated[Path, typer.Option(help="where solved cases are kept, by their physics")]

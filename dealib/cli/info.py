@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 
 from dealib.errors import ConfigError
+from dealib.results.cycles import cycles
 from dealib.results.reader import Run
 from dealib.results.summary import actuations, critical_points, margins
 
@@ -77,8 +78,24 @@ def describe(run: Run) -> str:
             f"  {m.name:<19} {m.used:>7} {'ok' if m.ok else 'BEYOND':<7} {m.where:<34} {m.when}"
             for m in found
         ]
+    lines += _energy(run)
     lines += ["", "started   " + info["started"], "command   " + " ".join(info["argv"])]
     lines.append("versions  " + ", ".join(f"{k} {v}" for k, v in info["versions"].items()))
     if "timings" in info:
         lines.append("timings   " + ", ".join(f"{k} {v} s" for k, v in info["timings"].items()))
     return "\n".join(lines)
+
+
+def _energy(run: Run) -> list[str]:
+    """One line a closed cycle."""
+    try:
+        found = cycles(run)
+    except ConfigError:
+        return []  # nothing has converged
+    lines = [
+        f"  {c.name:<44.44} {c.electrical_in:9.4g} {c.electrical:9.4g} {c.mechanical_out:9.4g} "
+        f"{c.mechanical:9.4g} {c.transfer:8.3f} {c.efficiency:8.3f}"
+        for c in found
+    ]
+    head = f"  {'cycle':<44} {'el. in':>9} {'el. net':>9} {'mech. out':>9} {'mech. net':>9}"
+    return ["", "energy, mJ", f"{head} {'out/in':>8} {'net eff.':>8}", *lines] if lines else []

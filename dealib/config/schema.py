@@ -15,7 +15,7 @@ from dealib.config.section import Section
 from dealib.config.stop import Condition
 from dealib.config.tables import Tables
 from dealib.errors import ValueAt
-from dealib.units import ElectricField, Length, Stress
+from dealib.units import ElectricField, Length, Resistance, Stress
 
 
 def _plain_name(name: str) -> str:
@@ -176,6 +176,23 @@ class Limits(Section):
         return self
 
 
+class Sensing(Section):
+    """What a driver or a sensor sees of the device: further columns of the history."""
+
+    differential: bool = Field(
+        False, description="small-signal capacitances and stiffness; costs one more tangent a step"
+    )
+    sheet_resistance: Resistance | None = Field(
+        None, gt=0, description="of each electrode as mounted, in ohm per square; default none"
+    )
+    area_exponent: float = Field(
+        1.0, ge=0, description="n: it grows as (area ratio)^n; 1: constant volume and resistivity"
+    )
+    contact: Literal["inner", "outer"] = Field(
+        "outer", description="edge at which both electrodes are contacted"
+    )
+
+
 # --- the whole -----------------------------------------------------------------------------------
 
 
@@ -198,6 +215,7 @@ class Config(Section):
     materials: Materials
     physics: Physics = Physics()
     limits: Limits = Limits()
+    sensing: Sensing = Sensing()
     solver: Solver = Solver()
     program: tuple[Stage, ...] = Field(min_length=1)
     stop_when: tuple[Condition, ...] = Field(

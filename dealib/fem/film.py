@@ -14,6 +14,7 @@ from dealib.fem.device import Device
 from dealib.fem.layout import Layout
 from dealib.geometry import names
 from dealib.results import local
+from dealib.results.electrodes import Rings
 from dealib.results.elements import Array
 from dealib.results.margins import Columns, Film, face
 
@@ -68,6 +69,20 @@ class FilmPoints:
             Shape (columns, 2).
         """
         return self.columns.average(self.film.tensions(k, pressure, internal), k, self._total)
+
+    def rings(self, k: local.Kinematics, capacitance: float) -> Rings:
+        """The film in rings (collective).
+
+        Args:
+            k: Deformation.
+            capacitance: Of the whole, nF.
+        """
+        along, around = np.hypot(k.F[..., 0, 0], k.F[..., 1, 0]), k.F[..., 2, 2]
+        values = np.stack([along, around, (along * around) ** 2 / k.J], axis=-1)
+        found = self.columns.average(values, k, self._total)
+        edges = self.columns.edges
+        share = found[:, 2] * np.diff(edges**2)
+        return Rings(edges, found[:, 0], found[:, 1], capacitance * share / share.sum())
 
     def _total(self, mine: Array) -> Array:
         total = np.empty_like(mine)

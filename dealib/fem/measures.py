@@ -14,10 +14,12 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dealib.fem.differential import capacitances, port_stiffness
 from dealib.fem.film import FilmPoints
 from dealib.fem.newton import Newton
 from dealib.fem.viscous import Viscosity
 from dealib.results import local
+from dealib.results.electrodes import Rings
 from dealib.results.elements import inverse
 from dealib.results.margins import meridional_stretch, principal_stretch
 
@@ -103,6 +105,39 @@ class Snapshot:
         """The config's limits."""
         return self.newton.system.problem.config.limits
 
+    @property
+    def sensing(self) -> Any:
+        """The config's section."""
+        return self.newton.system.problem.config.sensing
+
+    @cached_property
+    def capacitance(self) -> float:
+        """Q/V, nF; at 0 V by a unit test voltage with the body frozen."""
+        volts = self.ports["terminal"]
+        small = 1e-6 * self.newton.system.problem.config.geometry.film_thickness  # 1e-6 kV/mm
+        return self.dual("terminal") / volts if abs(volts) > small else self.newton.capacitance()
+
+    @cached_property
+    def port_stiffness(self) -> Any:
+        """See `differential.port_stiffness`."""
+        return port_stiffness(self.newton)
+
+    @property
+    def capacitances(self) -> tuple[float, float]:
+        """dQ/dV with the mount as it is driven, and at constant displacement, nF."""
+        mount = self.newton.system.ports["mount"]
+        return capacitances(self.port_stiffness, mount, self.ports["mount"])
+
+    @cached_property
+    def rings(self) -> Rings:
+        """The film in rings, with the device's capacitance shared out by area over thickness."""
+        return self.points.rings(self.film, self.capacitance)
+
+    @property
+    def resistances(self) -> Any:
+        """Of the rings of one electrode, Gohm."""
+        return self.rings.resistances(self.sensing.sheet_resistance, self.sensing.area_exponent)
+
     def largest(self, values: Any) -> float:
         """Maximum over all ranks."""
         mine = float(values.max()) if values.size else -np.inf
@@ -141,10 +176,7 @@ def charge_uC(s: Snapshot) -> float:
 
 def capacitance_pF(s: Snapshot) -> float:
     """Q/V; at 0 V by a unit test voltage with the body frozen."""
-    volts = s.ports["terminal"]
-    small = 1e-6 * s.newton.system.problem.config.geometry.film_thickness  # 1e-6 kV/mm
-    nano = s.dual("terminal") / volts if abs(volts) > small else s.newton.capacitance()
-    return 1e3 * nano
+    return 1e3 * s.capacitance
 
 
 def elastic_energy_mJ(s: Snapshot) -> float:
@@ -233,6 +265,33 @@ def dissipated_power_mW(s: Snapshot) -> float:
     return 0.0 if s.viscosity is None else s.viscosity.power
 
 
+def differential_capacitance_pF(s: Snapshot) -> float | None:
+    """Small-signal dQ/dV, the mount driven as it is."""
+    return 1e3 * s.capacitances[0] if s.sensing.differential else None
+
+
+def blocked_capacitance_pF(s: Snapshot) -> float | None:
+    """Small-signal dQ/dV at constant displacement."""
+    return 1e3 * s.capacitances[1] if s.sensing.differential else None
+
+
+def mount_stiffness_N_per_mm(s: Snapshot) -> float | None:
+    """Small-signal dF/dU at constant voltage."""
+    return float(s.port_stiffness[0, 0]) if s.sensing.differential else None
+
+
+def electrode_resistance_kohm(s: Snapshot) -> float | None:
+    """Resistance of one electrode from edge to edge (see `Rings`)."""
+    return 1e6 * s.resistances.sum() if s.sensing.sheet_resistance is not None else None
+
+
+def rc_time_us(s: Snapshot) -> float | None:
+    """Slowest time constant at which the electrodes charge (see `Rings`)."""
+    if s.sensing.sheet_resistance is None:
+        return None
+    return 1e6 * s.rings.time_constant(s.resistances, s.sensing.contact)
+
+
 QUANTITIES: dict[str, Callable[[Snapshot], float | None]] = {
     f.__name__: f
     for f in (
@@ -254,6 +313,11 @@ QUANTITIES: dict[str, Callable[[Snapshot], float | None]] = {
         stability_use,
         stretch_use,
         locking_use,
+        differential_capacitance_pF,
+        blocked_capacitance_pF,
+        mount_stiffness_N_per_mm,
+        electrode_resistance_kohm,
+        rc_time_us,
     )
 }
 

@@ -202,6 +202,27 @@ class Newton:
         system.map.expand(q, w)
         return -2 * energy
 
+    def responses(self) -> list[Any]:
+        """How the state follows each port, at unit rate and the other port held (collective).
+
+        Both ports must have prescribed values. One tangent, one back-substitution a port.
+        """
+        system = self.system
+        system.residual(system.q, system.residual_vector)
+        system.tangent(system.matrix)
+        self._factored = True
+        solver = self._snes.getKSP()
+        solver.setOperators(system.matrix)
+        found = []
+        for port in system.ports:
+            unit, response = system.q.duplicate(), system.q.duplicate()
+            unit.set(0.0)
+            system.map.set_port(unit, port, 1.0)
+            system.eliminate(unit)
+            solver.solve(unit, response)
+            found.append(response)
+        return found
+
     def inertia(self) -> tuple[int, int, int]:
         """Numbers of negative, zero and positive eigenvalues of the tangent at the current q.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 
 # SI prefix and unit; '_per_' divides: field_max_MV_per_m
-_UNIT = r"[fpnumkMG]?(?:m|s|g|N|V|C|F|J|W|A|Pa|Hz)"
+_UNIT = r"[fpnumkMG]?(?:m|s|g|N|V|C|F|J|W|A|Pa|Hz|ohm)"
 _SUFFIX = re.compile(rf"(?P<name>\w+?)_(?P<unit>{_UNIT}(?:_per_{_UNIT}2?)?)")
 
 _NAMES = {
@@ -24,6 +24,7 @@ _NAMES = {
     "pull_in_use": "Pull-in: use",
     "stability_use": "Material stability: use",
     "stretch_use": "Stretch: use",
+    "rc_time": "Slowest time constant of the electrodes",
     "locking_use": "Locking: use",
 }
 

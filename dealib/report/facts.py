@@ -10,6 +10,7 @@ from pydantic import BaseModel
 
 from dealib.config.program import Stage
 from dealib.config.schema import Config
+from dealib.results.cycles import cycles
 from dealib.results.reader import Run
 from dealib.results.summary import actuations, critical_points
 from dealib.results.summary import margins as utilisations
@@ -153,6 +154,19 @@ def energy(run: Run) -> Rows:
             f"{_number(stored.iloc[-1] - stored[0])} mJ",
         ),
         ("Largest residual of the balance", f"{_number(residual)} mJ ({share(run):.2g} %)"),
+    ]
+
+
+def cycle_table(run: Run) -> list[tuple[str, ...]]:
+    """Work and efficiency of each closed cycle."""
+    return [
+        (
+            c.name,
+            *(_number(v) for v in (c.electrical_in, c.electrical, c.mechanical_out, c.mechanical)),
+            f"{100 * c.transfer:.3g} %",
+            f"{100 * c.efficiency:.3g} %",
+        )
+        for c in cycles(run)
     ]
 
 

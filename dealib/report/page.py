@@ -42,6 +42,7 @@ def render(run: Run) -> str:
         "margins": facts.margins(run),
         "uses": facts.uses(run),
         "energy": facts.energy(run),
+        "cycles": facts.cycle_table(run),
         "solution": facts.solution(run),
         "warnings": facts.warnings(run),
         "pictures": figures.pictures(run),

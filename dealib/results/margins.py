@@ -156,12 +156,12 @@ class Columns:
     """Points of film cells, in columns through the thickness.
 
     Attributes:
-        radii: Middle of each column, (columns,), mm.
+        edges: Radii that bound the columns, (columns + 1,), mm.
         column: Column of each point, (cells, points).
         area: Meridian area of each point in the mesh, (cells, points), mm^2.
     """
 
-    radii: Array
+    edges: Array
     column: npt.NDArray[np.int64]
     area: Array
 
@@ -178,10 +178,15 @@ class Columns:
         x, y = corners[..., 0], corners[..., 1]
         area = np.abs((x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)) / 2
         return cls(
-            (edges[1:] + edges[:-1]) / 2,
+            edges,
             np.clip(column, 0, len(edges) - 2),
             np.broadcast_to(area[:, None] / position.shape[1], position.shape[:2]),
         )
+
+    @property
+    def radii(self) -> Array:
+        """Middle of each column, (columns,), mm."""
+        return np.asarray((self.edges[1:] + self.edges[:-1]) / 2)
 
     def average(
         self, values: Array, k: local.Kinematics, total: Callable[[Array], Array] = np.asarray

@@ -1,0 +1,67 @@
+"""`dealib sense`: the capacitance over displacement and voltage of some runs, and back from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from dealib.errors import ConfigError
+from dealib.results.reader import Run
+from dealib.results.sensing import CapacitanceMap
+
+
+def sense(
+    directories: Sequence[Path], at: str | None, out: Path | None, dark: bool, overwrite: bool
+) -> str:
+    """Draw the map and say how well it goes back; returns the text.
+
+    Args:
+        directories: Runs with sweeps of the displacement at constant voltages.
+        at: 'PF,KV': a capacitance and a voltage to turn into a displacement.
+        out: Picture; default in the first run's plots.
+        dark: In the dark theme.
+        overwrite: Replace the picture.
+
+    Raises:
+        ConfigError: If the runs hold no map, or `at` is none of its states.
+    """
+    from dealib.cli.plot import default
+    from dealib.plots import style
+    from dealib.plots.sensing import draw
+
+    if out is not None:
+        style.check_target(out, style.FORMATS, overwrite)
+    runs = [Run(directory) for directory in directories]
+    found = CapacitanceMap.of([run.history for run in runs])
+    if at is not None:
+        return f"{_displacement(found, at):.6g} mm"
+    target = out or default(runs, "sensing", dark)
+    with style.theme(dark):
+        style.save(draw(found, str(runs[0].info["name"])), target)
+    return "\n".join([*_table(found), str(target)])
+
+
+def _displacement(found: CapacitanceMap, at: str) -> float:
+    try:
+        capacitance, voltage = (float(part) for part in at.split(","))
+    except ValueError:
+        raise ConfigError(f"--at {at}: expected pF,kV such as 250.3,1.5") from None
+    try:
+        return found.displacement(capacitance, voltage)
+    except ValueError as error:
+        raise ConfigError(f"--at {at}: {error}") from None
+
+
+def _table(found: CapacitanceMap) -> list[str]:
+    lines = [f"{found.low:.4g} .. {found.high:.4g} mm", ""]
+    lines.append(f"{'kV':>8} {'pF':>20} {'pF/mm':>20} {'error back, um':>16}")
+    ends = np.array([found.low, found.high])
+    for sweep, (_, error) in zip(found.sweeps, found.errors(), strict=True):
+        C, slope = sweep.at(ends), sweep.sensitivity(ends)
+        lines.append(
+            f"{sweep.voltage:8.4g} {C[0]:9.5g} .. {C[1]:7.5g} {slope[0]:9.4g} .. {slope[1]:7.4g} "
+            f"{1e3 * error:16.3g}"
+        )
+    return lines

@@ -1,0 +1,256 @@
+"""What drivers and sensors see: capacitances, resistance, cycles, displacement from capacitance."""
+
+import numpy as np
+import pytest
+from conftest import CONFIGS, case, history
+from typer.testing import CliRunner
+from verification.bench import Bench
+from verification.free_block import EPSILON, RADII, THICKNESS, block, charge_at, mooney_rivlin_of
+
+import dealib
+from dealib.cli.app import app
+from dealib.cli.sense import sense
+from dealib.errors import ConfigError
+from dealib.fem.differential import port_stiffness
+from dealib.results.cycles import cycles
+from dealib.results.electrodes import Rings
+from dealib.results.sensing import CapacitanceMap
+
+SMALL = CONFIGS.parent / "tests" / "small.yaml"
+
+
+def small(**changes):
+    return dealib.load(SMALL, set={k.replace("__", "."): v for k, v in changes.items()})
+
+
+def rows(given):
+    return [state.row for state in dealib.Simulation(given)]
+
+
+# --- differential capacitance --------------------------------------------------------------------
+
+
+def test_free_block_by_its_closed_form():
+    """Neo-Hooke: phi^2 = l^-2 - l^-8 and Q ~ l^4 phi, so dQ/dV ~ l^4 + 4 l^3 phi dl/dphi."""
+    bench = block(mooney_rivlin_of(0.0), 1e5)
+    for l in (1.1, 1.2):
+        phi = np.sqrt(l**-2 - l**-8)
+        bench.load(steps=2, terminal=charge_at(phi, l))
+        rest = EPSILON * np.pi * (RADII[1] ** 2 - RADII[0] ** 2) / THICKNESS
+        slope = (-2 * l**-3 + 8 * l**-9) / (2 * phi)  # dphi/dl
+        expected = rest * (l**4 + 4 * l**3 * phi / slope)
+        assert -port_stiffness(bench.newton)[1, 1] == pytest.approx(expected, rel=2e-4)
+        assert bench.charge / bench.voltage == pytest.approx(rest * l**4, rel=1e-5)
+
+
+@pytest.mark.parametrize("air", [False, True])
+def test_port_stiffness_by_finite_differences(air):
+    changes = {"geometry__air_height": "3 mm"} if air else {}
+    bench = Bench(small(**changes).config).move(steps=4, mount=-1.0).move(steps=2, terminal=1.5)
+    found, force = port_stiffness(bench.newton), bench.force
+    assert bench.force == force == bench.system.internal["mount"]  # the state is as it was
+    expected = np.empty((2, 2))
+    for k, (port, h) in enumerate((("mount", 0.01), ("terminal", 0.02))):
+        at = {"mount": -1.0, "terminal": 1.5}
+        ends = []
+        for sign in (1, -1):
+            bench.move(**{**at, port: at[port] + sign * h})
+            ends.append((bench.force, -bench.charge))
+        expected[:, k] = np.subtract(*ends) / (2 * h)
+        bench.move(**at)
+    scale = np.sqrt(np.abs(np.outer(np.diag(expected), np.diag(expected))))
+    assert np.abs(found - expected).max() < 3e-4 * scale.max()
+    assert found[0, 1] == pytest.approx(found[1, 0], abs=1e-6 * scale.max())  # reciprocity
+
+
+def test_capacitance_with_a_free_mount_is_larger_than_with_a_blocked_one():
+    program = "[{stage: load, mount: {force: -0.1 N}, steps: 4}, {stage: up, duration: 2 s, "
+    program += "terminal: {voltage: 2 kV}, steps: 40}]"
+    h = rows(small(sensing__differential="true", program=program))[5:]
+    V, Q, free, blocked = (
+        np.array([r[k] for r in h])
+        for k in (
+            "voltage_kV",
+            "charge_uC",
+            "differential_capacitance_pF",
+            "blocked_capacitance_pF",
+        )
+    )
+    slopes = 1e3 * (Q[2:] - Q[:-2]) / (V[2:] - V[:-2])
+    assert free[1:-1] == pytest.approx(slopes, rel=2e-4)
+    assert (free > blocked).all()
+    assert free[-1] > 1.02 * blocked[-1]
+    at_rest = rows(small(sensing__differential="true", program="[{stage: rest}]"))[0]
+    # at 0 V all three are the same
+    assert at_rest["differential_capacitance_pF"] == pytest.approx(at_rest["capacitance_pF"])
+    assert at_rest["blocked_capacitance_pF"] == pytest.approx(at_rest["capacitance_pF"])
+
+
+# --- electrodes ----------------------------------------------------------------------------------
+
+
+def rings(edges, along=1.0, around=1.0, density=1.0):
+    edges, one = np.asarray(edges, float), np.ones(len(edges) - 1)
+    return Rings(edges, along * one, around * one, density * np.pi * np.diff(edges**2))
+
+
+def test_resistance_of_a_flat_annulus():
+    flat = rings(np.linspace(8, 12, 7))
+    assert flat.resistances(10.0, 1).sum() == pytest.approx(10 * np.log(12 / 8) / (2 * np.pi))
+    # equal-biaxial l: shape factor as before, sheet resistance times l^(2 n)
+    for n in (0, 1):
+        stretched = rings([8, 10, 12], along=1.3, around=1.3).resistances(10.0, n).sum()
+        expected = 10 * 1.3 ** (2 * n) * np.log(1.5) / (2 * np.pi)
+        assert stretched == pytest.approx(expected)
+    # along the radius only: longer, and thinner
+    pulled = rings([8, 12], along=1.3).resistances(10.0, 1).sum()
+    assert pulled == pytest.approx(10 * 1.3**2 * np.log(1.5) / (2 * np.pi))
+
+
+def test_time_constant_of_a_uniform_line():
+    """A narrow annulus is a line: 4 / pi^2 R C with both electrodes in series."""
+    line = rings(np.linspace(1000, 1001, 401))
+    R = line.resistances(5.0, 1)
+    expected = 4 / np.pi**2 * 2 * R.sum() * line.capacitance.sum()
+    for contact in ("inner", "outer"):
+        assert line.time_constant(R, contact) == pytest.approx(expected, rel=1e-3)
+
+
+def test_time_constant_of_an_annulus_depends_on_the_contact():
+    """Bessel's equation: (r v')' / r + k^2 v = 0, v = 0 at the contact, v' = 0 at the far edge."""
+    from scipy.optimize import brentq
+    from scipy.special import j0, j1, y0, y1
+
+    a, b, sheet, density = 3.0, 12.0, 2.0, 0.5
+    disc = rings(np.linspace(a, b, 801), density=density)
+    R = disc.resistances(sheet, 1)
+    found = {}
+    for contact, (held, free) in {"inner": (a, b), "outer": (b, a)}.items():
+
+        def condition(k, held=held, free=free):
+            return j0(k * held) * y1(k * free) - y0(k * held) * j1(k * free)
+
+        grid = np.linspace(0.02, 1, 400)
+        values = condition(grid)
+        first = np.flatnonzero(values[1:] * values[:-1] < 0)[0]
+        k = brentq(condition, grid[first], grid[first + 1])
+        found[contact] = disc.time_constant(R, contact)
+        assert found[contact] == pytest.approx(2 * sheet * density / k**2, rel=2e-4)
+    assert found["inner"] > 2 * found["outer"]
+
+
+def test_columns_of_the_electrodes():
+    h = history("harvesting")
+    rest = 10 * np.log(12 / 8) / (2 * np.pi)
+    assert h["electrode_resistance_kohm"][0] == pytest.approx(rest, rel=1e-9)
+    pushed = h["electrode_resistance_kohm"][8]
+    # the cone through both edges is longer by l: l^2, and thinner; the strip bends less than that
+    l = np.hypot(4, 3) / 4
+    assert pushed == pytest.approx(rest * l**2, rel=0.03)
+    tau = h["rc_time_us"]
+    line = 4 / np.pi**2 * 2 * rest * h["capacitance_pF"][0] * 1e-3  # kohm pF = 1e-3 us
+    assert tau[0] == pytest.approx(line, rel=0.2)
+    assert tau[8] / tau[0] == pytest.approx(
+        pushed / rest * h["capacitance_pF"][8] / h["capacitance_pF"][0], rel=0.02
+    )
+    fluid = rows(case("harvesting", sensing__area_exponent=0, program="[{stage: rest}]"))[0]
+    assert fluid["electrode_resistance_kohm"] == pytest.approx(rest, rel=1e-9)
+    assert "rc_time_us" not in history("benchmark_strip")
+
+
+# --- cycles --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def generator(tmp_path_factory):
+    return dealib.simulate(case("harvesting"), tmp_path_factory.mktemp("run") / "generator")
+
+
+def test_a_generator_cycle(generator, tmp_path):
+    """Charged at large capacitance, discharged at small: about V^2/2 (C_large - C_small) gained."""
+    (found,) = cycles(generator)
+    h = generator.history
+    assert (found.first, found.last) == (8, 56)
+    assert found.name == "charge - release - discharge - stretch"
+    large, small_ = h["capacitance_pF"][16], h["capacitance_pF"][32]
+    gain = 2.0**2 / 2 * (large - small_) * 1e-3
+    assert found.electrical == pytest.approx(-gain, rel=5e-3)
+    balance = abs(found.electrical + found.mechanical)
+    assert balance < 2e-3 * gain  # the trapezoidal rule
+    assert found.efficiency == pytest.approx(-found.electrical / found.mechanical_in)
+    assert 0 < found.efficiency < 1
+    fine = {f"program__{k}__steps": n for k, n in enumerate((8, 16, 32, 16, 32))}
+    (finer,) = cycles(dealib.simulate(case("harvesting", **fine), tmp_path / "fine"))
+    assert abs(finer.electrical + finer.mechanical) < 0.3 * balance  # second order: a quarter
+    shown = CliRunner().invoke(app, ["info", str(generator.directory)]).stdout
+    assert "charge - release - discharge - stretch" in shown
+
+
+def test_repeated_actuation_against_a_weight_gives_back_what_it_took(tmp_path):
+    program = "[{stage: load, mount: {mass: 10 g}, steps: 3}, {stage: actuate, duration: 4 s, "
+    program += "terminal: {voltage: [0 V, 2 kV, 0 V]}, steps: 8, cycles: 2}]"
+    one, two = cycles(dealib.simulate(small(program=program), tmp_path / "run"))
+    assert (one.name, one.first, one.last) == ("actuate 1", 3, 11)
+    assert (two.name, two.first, two.last) == ("actuate 2", 11, 19)
+    for found in (one, two):
+        assert found.mechanical_out > 0
+        assert abs(found.electrical) < 1e-9
+        assert abs(found.mechanical) < 1e-9
+        assert found.efficiency < 1e-6
+        assert found.transfer == pytest.approx(found.mechanical_out / found.electrical_in)
+    assert one.transfer == pytest.approx(two.transfer, rel=1e-6)
+
+
+def test_no_cycle_without_a_return(tmp_path):
+    program = "[{stage: push, mount: {displacement: -1 mm}, steps: 2}, {stage: hold}, "
+    program += "{stage: up, terminal: {voltage: 1 kV}}]"
+    run = dealib.simulate(small(program=program), tmp_path / "run")
+    assert cycles(run) == []
+    assert "energy, mJ" not in CliRunner().invoke(app, ["info", str(run.directory)]).stdout
+
+
+# --- the map -------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory):
+    return dealib.simulate(case("sensing"), tmp_path_factory.mktemp("run") / "sensing")
+
+
+def test_displacement_from_capacitance_against_direct_solves(swept):
+    found = CapacitanceMap.of([swept.history])
+    assert [s.voltage for s in found.sweeps] == [0, 1, 1.6, 2]
+    assert (found.low, found.high) == (-2.4, -0.4)
+    for u, V in ((-1.37, 1.3), (-0.55, 0.4), (-2.31, 1.9)):
+        program = f"[{{stage: there, mount: {{displacement: {u} mm}}, steps: 6}}, "
+        program += f"{{stage: up, terminal: {{voltage: {V} kV}}, steps: 2}}]"
+        C = rows(case("sensing", program=program))[-1]["capacitance_pF"]
+        assert float(found.capacitance(u, V)) == pytest.approx(C, rel=1e-6)
+        assert found.displacement(C, V) == pytest.approx(u, abs=2e-4)  # 0.2 um
+    # the error that it states itself, from half of the points, is no smaller
+    errors = dict(found.errors())
+    assert max(errors.values()) < 1e-4
+    with pytest.raises(ValueError, match=r"no displacement from -2.4 to -0.4 mm has 100 pF"):
+        found.displacement(100.0, 1.0)
+    slope = (found.capacitance(-1.501, 1.2) - found.capacitance(-1.499, 1.2)) / -0.002
+    assert float(found.sensitivity(-1.5, 1.2)) == pytest.approx(float(slope), rel=1e-5)
+
+
+def test_the_command_draws_and_inverts(swept, strip_run):
+    def call(*arguments):
+        return CliRunner().invoke(app, ["sense", *map(str, arguments)])
+
+    done = call(swept.directory)
+    assert done.exit_code == 0, done.output
+    *table, path = done.stdout.splitlines()
+    assert (swept.directory / "plots" / "sensing.png").samefile(path)
+    assert [float(line.split()[0]) for line in table[3:]] == [0, 1, 1.6, 2]
+    C = swept.history["capacitance_pF"][5]
+    done = call(swept.directory, "--at", f"{C!r},0")
+    assert done.stdout.split()[1] == "mm"
+    assert float(done.stdout.split()[0]) == pytest.approx(swept.history["displacement_mm"][5])
+    for wrong, message in (("250", "expected pF,kV"), ("99,1", "no displacement")):
+        with pytest.raises(ConfigError, match=message):
+            sense([swept.directory], wrong, None, False, False)
+    with pytest.raises(ConfigError, match="no map: it takes at least 6 displacements"):
+        CapacitanceMap.of([strip_run.history.iloc[13:]])
