@@ -28,7 +28,12 @@ COLUMNS = {
     "mount_stiffness_N_per_mm": "N/mm",
     "electrode_resistance_kohm": "kohm",
     "rc_time_us": "us",
+    "dissipated_energy_mJ": "mJ",
+    "dissipated_power_mW": "mW",
     "mount_work_mJ": "mJ",
     "terminal_work_mJ": "mJ",
     "energy_residual_mJ": "mJ",
+    "unstable_modes": "",
+    "limit_point": "",
+    "bifurcation": "",
 }

@@ -1,6 +1,7 @@
 """How near a film is to its limits, as utilisations: 1 is the limit, and above it is beyond.
 
-In the plane of the film, direction 1 is that of its meridian, F e_R, and 2 is the hoop.
+In the plane of the film, direction 1 is that of its meridian, F e_R, and 2 is the hoop. Maxwell
+branches add to the tension; stability is judged by the law alone, since branches relax.
 """
 
 from __future__ import annotations
