@@ -58,6 +58,8 @@ def test_the_page_tells_what_was_solved(page):
         "push displacement −3 mm unchanged 12 s 12",
         "actuate unchanged voltage 2.5 kV 5 s 5",
         "Steps 17 of 17 planned",
+        "lost share of the mounted tension, thickness average",
+        "step 17, t = 17 s, actuate field over the one at which the film itself loses stability",
         "Largest voltage 2.5 kV step 17, t = 17 s, actuate",
         "dolfinx " + dealib.open(page.parent).info["versions"]["dolfinx"],
         "grading: tanh",

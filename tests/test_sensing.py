@@ -12,6 +12,7 @@ from dealib.cli.app import app
 from dealib.cli.sense import sense
 from dealib.errors import ConfigError
 from dealib.fem.differential import port_stiffness
+from dealib.report import facts
 from dealib.results.cycles import cycles
 from dealib.results.electrodes import Rings
 from dealib.results.sensing import CapacitanceMap
@@ -179,9 +180,14 @@ def test_a_generator_cycle(generator, tmp_path):
     assert balance < 2e-3 * gain  # the trapezoidal rule
     assert found.efficiency == pytest.approx(-found.electrical / found.mechanical_in)
     assert 0 < found.efficiency < 1
+    assert np.isnan(found.transfer)  # what the mount gives back here was stored in the film
     fine = {f"program__{k}__steps": n for k, n in enumerate((8, 16, 32, 16, 32))}
     (finer,) = cycles(dealib.simulate(case("harvesting", **fine), tmp_path / "fine"))
     assert abs(finer.electrical + finer.mechanical) < 0.3 * balance  # second order: a quarter
+    ((name, *numbers),) = facts.cycle_table(generator)
+    assert name == found.name
+    assert numbers[1] == f"{found.electrical:.5g}".replace("-", "−")
+    assert numbers[-2:] == ["–", f"{100 * found.efficiency:.3g} %"]
     shown = CliRunner().invoke(app, ["info", str(generator.directory)]).stdout
     assert "charge - release - discharge - stretch" in shown
 

@@ -201,8 +201,9 @@ def plot(
     Without options: force against displacement, the inputs in time, capacitance and field.
 
     Fields: u E D (lengths; u_R, E_Z, ... for components), phi, J, and the stresses S_RR (second
-    Piola-Kirchhoff), sigma_RR (Cauchy), maxwell_RR, each with RR, ZZ, TT or RZ. D_n is the surface
-    charge density on the electrodes' inner faces.
+    Piola-Kirchhoff), sigma_RR (Cauchy), maxwell_RR, each with RR, ZZ, TT or RZ; of the film,
+    tension and the margins, such as wrinkling_use. D_n is the surface charge density on the
+    electrodes' inner faces.
 
     A picture in RUN/plots/ replaces the one of the same name there; --out replaces nothing unless
     --overwrite is given.

@@ -94,8 +94,12 @@ def _energy(run: Run) -> list[str]:
         return []  # nothing has converged
     lines = [
         f"  {c.name:<44.44} {c.electrical_in:9.4g} {c.electrical:9.4g} {c.mechanical_out:9.4g} "
-        f"{c.mechanical:9.4g} {c.transfer:8.3f} {c.efficiency:8.3f}"
+        f"{c.mechanical:9.4g} {_share(c.transfer)} {_share(c.efficiency)}"
         for c in found
     ]
     head = f"  {'cycle':<44} {'el. in':>9} {'el. net':>9} {'mech. out':>9} {'mech. net':>9}"
     return ["", "energy, mJ", f"{head} {'out/in':>8} {'net eff.':>8}", *lines] if lines else []
+
+
+def _share(value: float) -> str:
+    return f"{value:8.3f}" if value == value else f"{'-':>8}"  # NaN differs from itself

@@ -49,4 +49,6 @@ def tables_case(case: Case) -> Case:
                 }
             )
         )
-    return replace(case, config=config.model_copy(update={"program": tuple(stages)}))
+    return replace(
+        case, config=config.model_copy(update={"program": tuple(stages), "stop_when": ()})
+    )

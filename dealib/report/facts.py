@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 from pydantic import BaseModel
 
 from dealib.config.program import Stage
@@ -165,8 +166,7 @@ def cycle_table(run: Run) -> list[tuple[str, ...]]:
         (
             c.name,
             *(_number(v) for v in (c.electrical_in, c.electrical, c.mechanical_out, c.mechanical)),
-            f"{100 * c.transfer:.3g} %",
-            f"{100 * c.efficiency:.3g} %",
+            *("–" if np.isnan(v) else f"{100 * v:.3g} %" for v in (c.transfer, c.efficiency)),
         )
         for c in cycles(run)
     ]

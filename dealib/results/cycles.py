@@ -52,8 +52,10 @@ class Cycle:
 
     @property
     def transfer(self) -> float:
-        """Work done at the mount over the electrical energy delivered, NaN without the latter."""
-        return self.mechanical_out / self.electrical_in if self.electrical_in > 0 else np.nan
+        """Work done at the mount over the electrical energy delivered; NaN in a generator."""
+        if self.electrical_in == 0 or self.electrical < -1e-6 * self.electrical_in:
+            return np.nan
+        return self.mechanical_out / self.electrical_in
 
     @property
     def efficiency(self) -> float:
