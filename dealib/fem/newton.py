@@ -42,6 +42,7 @@ _INERTIA_OPTIONS: dict[str, Any] = {
     "mat_mumps_icntl_13": 1,  # no ScaLAPACK at the root, which counts no negative pivots
     "mat_mumps_icntl_24": 1,  # zero pivots are found and counted
 }
+_EXACT = 1e-12  # of a linear solution that nothing corrects afterwards
 _STEP = 1e-7  # negligible step: of the film's thickness, of 1 kV, of its shear modulus
 _ROUNDING = 1e4  # how far above the tolerance rounding may keep the residual
 Reason = PETSc.SNES.ConvergedReason
@@ -274,7 +275,10 @@ class Newton:
         system.eliminate(unit)
         solver = self._snes.getKSP()
         solver.setOperators(system.matrix)
+        coarse = solver.getTolerances()[0]  # with air; Newton corrects itself, this does not
+        solver.setTolerances(rtol=_EXACT)
         solver.solve(unit, found)
+        solver.setTolerances(rtol=coarse)
         return found
 
     # --- SNES callbacks --------------------------------------------------------------------------
