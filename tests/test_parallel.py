@@ -33,6 +33,7 @@ CASES = {
         "deap100",
         {
             "mesh.columns": 20,
+            "sensing.sheet_resistance": "10 kohm",
             "program": "[{stage: preload, mount: {force: -0.3 N}, steps: 3},"
             " {stage: actuate, terminal: {voltage: [0 V, 2.5 kV, 0 V]}, steps: 4}]",
         },
