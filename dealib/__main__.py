@@ -9,6 +9,7 @@ import dealib.cli.clock  # noqa: F401 - starts it
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy loads its BLAS
     os.environ.setdefault(_name, "1")
+os.environ.setdefault("MPLBACKEND", "Agg")  # pictures go to files, with a screen or without
 
 
 def _rank() -> int:

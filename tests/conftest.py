@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 from pathlib import Path
 
 import pandas as pd
@@ -10,6 +11,7 @@ import pytest
 
 import dealib
 
+os.environ.setdefault("MPLBACKEND", "Agg")
 CONFIGS = Path(__file__).parent.parent / "configs"
 
 

@@ -5,11 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import IO
 
-import matplotlib
-import numpy as np
-
-matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.patches import Patch
 

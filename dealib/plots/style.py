@@ -8,13 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
 
-import matplotlib
+import matplotlib.pyplot as plt
 from cycler import cycler
 
 from dealib.errors import ConfigError, PlatformError
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 
 FORMATS = (".png", ".svg", ".pdf")
 
