@@ -53,6 +53,7 @@ def test_stress_is_the_derivative_of_the_energy(law, prestretch):
     """P = F S against central differences of W(F F_p) / det F_p."""
     rng = np.random.default_rng(1)
     F = np.eye(3) + 0.2 * rng.standard_normal((3, 3))
+    F[2, :2] = F[:2, 2] = 0  # axisymmetric
     P = np.eye(3) if prestretch is None else np.diag(prestretch)
 
     def W(A):
