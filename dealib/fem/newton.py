@@ -14,34 +14,14 @@ import numpy as np
 from dealib.errors import NotConverged
 from dealib.fem.compat import DIVERGED_NAN
 from dealib.fem.constraints import FIELDS
+from dealib.fem.linear import factorisation_seconds, inertia, set_linear_solver, set_options
 from dealib.fem.problem import Problem, shear_modulus
 from dealib.fem.system import System, Timings
 
 log = logging.getLogger(__name__)
 
-_PREFIX, _INERTIA_PREFIX = "dealib_", "dealib_inertia_"
+_PREFIX = "dealib_"
 _OPTIONS: dict[str, Any] = {"snes_type": "newtonls", "snes_linesearch_type": "basic"}
-_MUMPS: dict[str, Any] = {
-    "ksp_type": "preonly",
-    "pc_factor_mat_solver_type": "mumps",
-    "mat_mumps_icntl_7": 5,  # METIS
-    "mat_mumps_icntl_14": 60,  # room for pivoting, per cent
-}
-_BLOCKS: dict[str, Any] = {
-    "ksp_type": "gmres",
-    "ksp_rtol": 1e-7,  # takes Newton no more iterations
-    "pc_type": "fieldsplit",
-    "pc_fieldsplit_type": "multiplicative",
-}
-_FACTORISATION = (  # PETSc's events; the last one takes the blocks out of the tangent
-    *("MatLUFactorSym", "MatLUFactorNum", "MatCholFctrSym", "MatCholFctrNum"),
-    *("MatSolve", "MatCreateSubMats"),
-)
-_INERTIA_OPTIONS: dict[str, Any] = {
-    "mat_mumps_icntl_7": 5,
-    "mat_mumps_icntl_13": 1,  # no ScaLAPACK at the root, which counts no negative pivots
-    "mat_mumps_icntl_24": 1,  # zero pivots are found and counted
-}
 _EXACT = 1e-12  # of a linear solution that nothing corrects afterwards
 _STEP = 1e-7  # negligible step: of the film's thickness, of 1 kV, of its shear modulus
 _ROUNDING = 1e4  # how far above the tolerance rounding may keep the residual
@@ -104,7 +84,7 @@ class Newton:
         modulus = shear_modulus(problem.config.materials.film)
         # mm, kV, mm, MPa
         self._step_tolerance = _STEP * np.array([thickness, 1.0, thickness, modulus])
-        _set_options(_PREFIX, _OPTIONS)
+        set_options(_PREFIX, _OPTIONS)
         self._snes = PETSc.SNES().create(problem.device.mesh.comm)
         self._snes.setOptionsPrefix(_PREFIX)
         self._snes.setFunction(self._residual, self.system.residual_vector)
@@ -112,36 +92,11 @@ class Newton:
         self._snes.setConvergenceTest(self._test)
         # `_test` alone decides; PETSc 3.25 would take a failed line search for a small step
         self._snes.setTolerances(stol=0.0, max_it=solver.max_iterations)
-        self._set_linear_solver(symmetric)
+        set_linear_solver(self._snes, self.system, _PREFIX, symmetric)
         self._snes.setFromOptions()
         self._factored = False
-        self._logged = 0.0
-        self._logged = self.factorisation_seconds
+        self._logged = factorisation_seconds()
         self._norms = np.zeros(len(FIELDS))
-
-    def _set_linear_solver(self, symmetric: bool) -> None:
-        """LDL^T, or LU if the body's tangent is not symmetric; with air by blocks.
-
-        The air's mesh follows the body, which feels it only through the field in the air. So the
-        tangent is nearly block triangular, and a sweep of Gauss-Seidel over the body with the field
-        and then the air's mesh, each factorised for itself, is nearly its inverse.
-        """
-        problem = self.system.problem
-        whole = problem.config.solver.linear == "lu"
-        symmetric = symmetric and problem.coupling.symmetric and not whole
-        body = _MUMPS | {"pc_type": "cholesky" if symmetric else "lu"}
-        if whole or not problem.mesh_motion:
-            _set_options(_PREFIX, body)
-            return
-        _set_options(_PREFIX, _BLOCKS)
-        _set_options(_PREFIX + "fieldsplit_body_", body)
-        _set_options(_PREFIX + "fieldsplit_air_", _MUMPS | {"pc_type": "cholesky"})
-        rows = self.system.map
-        air = PETSc.IS().createGeneral(rows.numbers("air mesh"), comm=rows.comm)
-        start, end = self.system.matrix.getOwnershipRange()
-        pc = self._snes.getKSP().getPC()
-        pc.setType("fieldsplit")
-        pc.setFieldSplitIS(("body", air.complement(start, end)), ("air", air))
 
     def solve(self) -> int:
         """Solve from the current q; returns the number of iterations.
@@ -174,8 +129,7 @@ class Newton:
     @property
     def factorisation_seconds(self) -> float:
         """Time in symbolic and numeric factorisations and back-substitutions since the start."""
-        now = sum(PETSc.Log.Event(e).getPerfInfo()["time"] for e in _FACTORISATION)
-        return float(now - self._logged)
+        return factorisation_seconds() - self._logged
 
     def capacitance(self) -> float:
         """Small-signal capacitance at 0 V with the body frozen, nF.
@@ -226,31 +180,8 @@ class Newton:
         return found
 
     def inertia(self) -> tuple[int, int, int]:
-        """Numbers of negative, zero and positive eigenvalues of the tangent at the current q.
-
-        Prescribed ports count as positive. With one-way air the air's mesh is held where it is,
-        since the body feels it by discretisation error only, and counts as positive too.
-
-        Raises:
-            ValueError: If the coupling has no potential, so that its tangent is not symmetric.
-        """
-        system = self.system
-        if not system.problem.coupling.symmetric:
-            raise ValueError("the tangent has an inertia only if physics.coupling is energy")
-        system.residual(system.q, system.residual_vector)
-        system.tangent(system.matrix)
-        matrix = system.matrix.copy()
-        matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        matrix.zeroRowsColumns(system.map.numbers("air mesh"), 1.0)
-        _set_options(_INERTIA_PREFIX, _INERTIA_OPTIONS)
-        solver = PETSc.PC().create(matrix.comm)
-        solver.setOptionsPrefix(_INERTIA_PREFIX)
-        solver.setType("cholesky")
-        solver.setFactorSolverType("mumps")
-        solver.setOperators(matrix)
-        solver.setUp()
-        negative, zero, positive = solver.getFactorMatrix().getInertia()
-        return int(negative), int(zero), int(positive)
+        """See `dealib.fem.linear.inertia`, at the current q."""
+        return inertia(self.system)
 
     def unstable_modes(self) -> int:
         """Number of independent motions that lower the potential, under the ports' equations.
@@ -321,9 +252,3 @@ class Newton:
         """
         step = self.system.field_norms(self._snes.getSolutionUpdate())
         return bool((step <= self._step_tolerance).all())
-
-
-def _set_options(prefix: str, options: dict[str, Any]) -> None:
-    known = PETSc.Options()
-    for key, value in options.items():
-        known[prefix + key] = value

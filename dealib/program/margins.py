@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from dealib.fem.measures import Peak
+from dealib.fem.snapshot import Peak
 
 log = logging.getLogger(__name__)
 

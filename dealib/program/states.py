@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from dealib.config.program import Stage
 from dealib.config.stop import StopWhen
 from dealib.fem.film import FilmPoints
-from dealib.fem.measures import Snapshot, film_stretches, measure
+from dealib.fem.measures import film_stretches, measure
+from dealib.fem.snapshot import Snapshot
 from dealib.program.bias import ReachWatch
 from dealib.program.margins import keep
 from dealib.program.stability import StabilityWatch

@@ -1,0 +1,190 @@
+"""Commands that look at runs and materials. Each imports what it needs when it runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dealib.cli.root import ConfigFile, Dark, Overwrite, RunDirectory, Set, Step, app
+from dealib.cli.solving import study
+
+
+@app.command()
+def info(run: RunDirectory) -> None:
+    """Print what a run directory holds: status, summary, versions, timings."""
+    from dealib.cli.info import describe
+    from dealib.results.reader import Run
+
+    typer.echo(describe(Run(run)))
+
+
+@app.command()
+def compare(
+    run: RunDirectory,
+    data: Annotated[Path, typer.Argument(metavar="DATA", help="CSV, headers such as force [mN]")],
+    stage: Annotated[str | None, typer.Option(help="compare with this stage only")] = None,
+    out: Annotated[Path | None, typer.Option(help="picture: PNG, SVG or PDF")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the picture")] = False,
+) -> None:
+    """Compare a run with measured curves: RMSE, R2 and a picture."""
+    from dealib.cli.compare import compare_run
+    from dealib.results.reader import Run
+
+    compare_run(Run(run), data, stage, out, overwrite)
+
+
+@app.command()
+def plot(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="run directories")],
+    x: Annotated[
+        str | None, typer.Option("-x", metavar="COL", help="column to draw against; default time_s")
+    ] = None,
+    y: Annotated[
+        list[str] | None, typer.Option("-y", metavar="COL", help="history column; repeat for more")
+    ] = None,
+    field: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="contours of a field on the deformed strips, such as E"),
+    ] = None,
+    profile: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="a field along the film, or D_n; repeat for more"),
+    ] = None,
+    revolved: Annotated[
+        bool, typer.Option("--revolved", help="3-D view of the device, coloured by --field")
+    ] = False,
+    step: Step = None,
+    out: Annotated[
+        Path | None, typer.Option(help=".png, .svg or .pdf; default a name in RUN/plots/")
+    ] = None,
+    dark: Dark = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Draw one or several runs: an overview, history columns, fields or profiles.
+
+    Without options: force against displacement, the inputs in time, capacitance and field.
+
+    Fields: u E D (lengths; u_R, E_Z, ... for components), phi, J, and the stresses S_RR (second
+    Piola-Kirchhoff), sigma_RR (Cauchy), maxwell_RR, each with RR, ZZ, TT or RZ; of the film,
+    tension and the margins, such as wrinkling_use. D_n is the surface charge density on the
+    electrodes' inner faces.
+
+    A picture in RUN/plots/ replaces the one of the same name there; --out replaces nothing unless
+    --overwrite is given.
+    """
+    from dealib.cli.plot import plot as draw
+
+    typer.echo(draw(runs, x, y or [], field, profile or [], revolved, step, out, dark, overwrite))
+
+
+@app.command()
+def animate(
+    run: RunDirectory,
+    field: Annotated[str, typer.Option(metavar="NAME", help="colours; see dealib plot")] = "E",
+    out: Annotated[
+        Path | None, typer.Option(help=".mp4 or .gif; default RUN/plots/animation-FIELD.mp4")
+    ] = None,
+    seconds: Annotated[float, typer.Option(min=0.5, max=120, help="length of the film")] = 8.0,
+    dark: Dark = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Animate the deforming strip beside its input curves."""
+    from dealib.cli.animate import animate as draw
+
+    typer.echo(draw(run, field, out, seconds, dark, overwrite))
+
+
+@app.command()
+def report(
+    path: Annotated[
+        Path, typer.Argument(metavar="RUN|STUDY", help="run directory, or a study's YAML file")
+    ],
+    out: Annotated[Path | None, typer.Option(help="HTML file; default RUN/report.html")] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write one self-contained HTML page about a run: device, pictures, curves, margins.
+
+    Of a study: its gallery, as `dealib study` does; --out is then a folder.
+    """
+    if path.suffix in (".yaml", ".yml"):
+        study(path, out=out)
+        return
+    from dealib.cli.report import report as write
+
+    typer.echo(write(path, out, overwrite))
+
+
+@app.command()
+def materials(
+    law: Annotated[
+        str | None, typer.Argument(metavar="[LAW]", help="draw this law or material")
+    ] = None,
+    set: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="a parameter, such as c10='0.25 MPa'"),
+    ] = None,
+    config: Annotated[Path | None, typer.Option(help="take the law from this config")] = None,
+    region: Annotated[str, typer.Option(help="of the config: film or electrode")] = "film",
+    out: Annotated[Path | None, typer.Option(help="picture; default LAW.png")] = None,
+    stretch: Annotated[float, typer.Option(min=1.01, max=10, help="largest stretch")] = 2.0,
+    dark: Dark = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """List laws and published materials, or draw one's own response and its stability limit."""
+    from dealib.cli import materials as command
+    from dealib.errors import ConfigError
+
+    if law is None and config is None:
+        typer.echo(command.list_laws())
+        return
+    if config is None:
+        found = command.given_law(law or "", set or [])
+    else:
+        if law or set:
+            raise ConfigError("--config gives the law and its parameters: drop LAW and --set")
+        law, found = command.law_of_config(config, region)
+    path = out or Path(f"{law}.png")
+    command.plot_law(found, law or "", stretch, path, dark, overwrite)
+
+
+@app.command()
+def bias(
+    config: ConfigFile,
+    set: Set = None,
+    voltage: Annotated[
+        str | None, typer.Option(help="full voltage, such as '2.5 kV'; default the program's")
+    ] = None,
+    reach: Annotated[
+        str | None, typer.Option(help="displacements of the chart, such as '-4 mm, 0 mm'")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="picture; default NAME-bias.png")] = None,
+    dark: Dark = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Draw the forces of film and bias over displacement, with equilibria, stability and stroke.
+
+    The bias is that of the last stage that loads the mount by bias, spring, mass or force. Two CSV
+    files beside the picture hold the curves and the equilibria.
+    """
+    from dealib.cli.bias import draw_chart
+    from dealib.config import load
+
+    draw_chart(load(config, set), voltage, reach, out, dark, overwrite)
+
+
+@app.command()
+def sense(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="run directories")],
+    at: Annotated[
+        str | None, typer.Option(metavar="PF,KV", help="only turn this state into a displacement")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="picture; default in RUN/plots/")] = None,
+    dark: Dark = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Map the capacitance over displacement and voltage, and go back from it (self-sensing)."""
+    from dealib.cli.sense import sense as draw
+
+    typer.echo(draw(runs, at, out, dark, overwrite))

@@ -1,0 +1,40 @@
+"""The command line's root, and types of arguments that commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    name="dealib",
+    help="Dielectric elastomer actuators: electro-elastic finite elements from a YAML file.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file", readable=False)]
+RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="run directory", readable=False)]
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="override a key, such as mesh.columns=80"),
+]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="replace the file given by --out")]
+Dark = Annotated[bool, typer.Option("--dark", help="on a dark background")]
+Step = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        help="step of history.csv, or -1: the last stored one; default: largest voltage",
+    ),
+]
+StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="YAML file, or a folder of them")]
+StudyOut = Annotated[Path | None, typer.Option(help="folder; default runs/studies/NAME")]
+CacheFolder = Annotated[Path, typer.Option(help="where solved cases are kept, by their physics")]
+Jobs = Annotated[
+    int | None, typer.Option("-j", "--jobs", min=1, help="processes; default all cores")
+]
+Retry = Annotated[bool, typer.Option("--retry", help="solve again what did not converge")]

@@ -1,0 +1,156 @@
+"""Commands that take configs. Each imports what it needs when it runs: light ones stay light."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dealib.cli.root import CacheFolder, ConfigFile, Jobs, Retry, Set, StudyFile, StudyOut, app
+
+
+@app.command()
+def run(
+    config: ConfigFile,
+    set: Set = None,
+    out: Annotated[Path | None, typer.Option(help="run directory; default the config's")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an existing run")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="go on with an unfinished run")] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="mesh and compile, print what would be solved")
+    ] = False,
+    mpi: Annotated[int, typer.Option(min=1, help="number of MPI ranks")] = 1,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="show increments and Newton's residuals")
+    ] = False,
+) -> None:
+    """Run a config."""
+    from dealib.config import load
+
+    case = load(config, set)
+    if mpi > 1:
+        from dealib.cli.mpi import launch
+
+        launch(mpi)
+    from dealib.cli.run import run_case
+
+    run_case(case, out, overwrite=overwrite, resume=resume, dry_run=dry_run, verbose=verbose)
+
+
+@app.command()
+def check(config: ConfigFile, set: Set = None) -> None:
+    """Validate a config; nothing is solved or written."""
+    from dealib.config import load
+
+    case = load(config, set)
+    stages = ", ".join(s.stage for s in case.config.program)
+    typer.echo(f"{config}: valid; {case.config.name}: {stages}")
+
+
+@app.command()
+def init(
+    template: Annotated[str, typer.Option(help="deap, benchmark or membrane")] = "deap",
+    out: Annotated[Path | None, typer.Option(help="config file; default TEMPLATE.yaml")] = None,
+) -> None:
+    """Write a commented config to start from."""
+    from dealib.cli.schema import write_template
+
+    write_template(template, out)
+
+
+@app.command()
+def schema(
+    out: Annotated[Path | None, typer.Option(help="file; default: print")] = None,
+    reference: Annotated[bool, typer.Option("--reference", help="page of all keys")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the file")] = False,
+) -> None:
+    """Print the JSON schema of configs, for editors, or a page of all keys."""
+    from dealib.cli.schema import write_schema
+
+    write_schema(out, page=reference, overwrite=overwrite)
+
+
+@app.command()
+def mesh(
+    config: ConfigFile,
+    set: Set = None,
+    out: Annotated[Path | None, typer.Option(help="Gmsh file; default NAME.msh")] = None,
+    view: Annotated[Path | None, typer.Option(help="picture of the mesh")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the files")] = False,
+) -> None:
+    """Write the mesh of a config in Gmsh's format, and a picture of it."""
+    from dealib.cli.mesh import write_mesh
+    from dealib.config import load
+
+    case = load(config, set)
+    write_mesh(case, out or Path(f"{case.config.name}.msh"), view, overwrite)
+
+
+@app.command()
+def export(
+    config: ConfigFile,
+    set: Set = None,
+    out: Annotated[Path | None, typer.Option(help="directory; default RUN-tables")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier tables")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="go on with unfinished tables")] = False,
+) -> None:
+    """Tables F(u, V), Q(u, V), C(u, V) of a config for system simulation: CSV, HDF5, MAT.
+
+    The config's `tables` gives the grid. dealib.tables(DIRECTORY) reads them back in Python, with
+    an interpolant whose force and charge come from one energy.
+    """
+    from dealib.cli.export import export as write
+    from dealib.config import load
+
+    write(load(config, set), out, overwrite=overwrite, resume=resume)
+
+
+@app.command()
+def calibrate(
+    fit: Annotated[Path, typer.Argument(metavar="FIT", help="YAML file", readable=False)],
+    out: Annotated[Path | None, typer.Option(help="directory; default the fit's")] = None,
+    jobs: Annotated[int | None, typer.Option("-j", "--jobs", min=1, help="processes")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="use the cases solved before")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier fit")] = False,
+) -> None:
+    """Fit parameters of a config to measured curves."""
+    from dealib.cli.calibrate import run_fit
+
+    run_fit(fit, out, jobs, resume=resume, overwrite=overwrite)
+
+
+@app.command()
+def study(
+    study: StudyFile,
+    jobs: Jobs = None,
+    out: StudyOut = None,
+    cache: CacheFolder = Path("runs/studies/cases"),
+    retry: Retry = False,
+) -> None:
+    """Solve what a study lacks, draw its figures, say which windows hold, write a gallery."""
+    from dealib.cli.study import run_study
+
+    run_study(study, out, cache, jobs, retry)
+
+
+@app.command()
+def sweep(
+    study: StudyFile,
+    jobs: Jobs = None,
+    out: StudyOut = None,
+    cache: CacheFolder = Path("runs/studies/cases"),
+    retry: Retry = False,
+    mpi: Annotated[int, typer.Option(min=1, help="MPI ranks instead: one hands out")] = 1,
+) -> None:
+    """Solve all cases of a study, past failing ones, with a growing summary.csv.
+
+    Under mpirun, for several machines, its ranks are the workers.
+    """
+    if mpi > 1:
+        from dealib.cli.mpi import launch
+
+        launch(mpi)
+    from dealib.cli.study import run_sweep
+
+    run_sweep(study, out, cache, jobs, retry)

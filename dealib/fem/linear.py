@@ -1,0 +1,96 @@
+"""The linear solver: direct, by blocks where there is air; and the inertia of the tangent."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from petsc4py import PETSc
+
+from dealib.fem.system import System
+
+_MUMPS: dict[str, Any] = {
+    "ksp_type": "preonly",
+    "pc_factor_mat_solver_type": "mumps",
+    "mat_mumps_icntl_7": 5,  # METIS
+    "mat_mumps_icntl_14": 60,  # room for pivoting, per cent
+}
+_BLOCKS: dict[str, Any] = {
+    "ksp_type": "gmres",
+    "ksp_rtol": 1e-7,  # takes Newton no more iterations
+    "pc_type": "fieldsplit",
+    "pc_fieldsplit_type": "multiplicative",
+}
+_FACTORISATION = (  # PETSc's events; the last one takes the blocks out of the tangent
+    *("MatLUFactorSym", "MatLUFactorNum", "MatCholFctrSym", "MatCholFctrNum"),
+    *("MatSolve", "MatCreateSubMats"),
+)
+_INERTIA_OPTIONS: dict[str, Any] = {
+    "mat_mumps_icntl_7": 5,
+    "mat_mumps_icntl_13": 1,  # no ScaLAPACK at the root, which counts no negative pivots
+    "mat_mumps_icntl_24": 1,  # zero pivots are found and counted
+}
+_PREFIX = "dealib_inertia_"
+
+
+def set_linear_solver(snes: Any, system: System, prefix: str, symmetric: bool) -> None:
+    """LDL^T, or LU if the body's tangent is not symmetric; with air by blocks.
+
+    The air's mesh follows the body, which feels it only through the field in the air. So the
+    tangent is nearly block triangular, and a sweep of Gauss-Seidel over the body with the field
+    and then the air's mesh, each factorised for itself, is nearly its inverse.
+    """
+    problem = system.problem
+    whole = problem.config.solver.linear == "lu"
+    symmetric = symmetric and problem.coupling.symmetric and not whole
+    body = _MUMPS | {"pc_type": "cholesky" if symmetric else "lu"}
+    if whole or not problem.mesh_motion:
+        set_options(prefix, body)
+        return
+    set_options(prefix, _BLOCKS)
+    set_options(prefix + "fieldsplit_body_", body)
+    set_options(prefix + "fieldsplit_air_", _MUMPS | {"pc_type": "cholesky"})
+    rows = system.map
+    air = PETSc.IS().createGeneral(rows.numbers("air mesh"), comm=rows.comm)
+    start, end = system.matrix.getOwnershipRange()
+    pc = snes.getKSP().getPC()
+    pc.setType("fieldsplit")
+    pc.setFieldSplitIS(("body", air.complement(start, end)), ("air", air))
+
+
+def factorisation_seconds() -> float:
+    """Time of this process in symbolic and numeric factorisations and back-substitutions."""
+    return float(sum(PETSc.Log.Event(e).getPerfInfo()["time"] for e in _FACTORISATION))
+
+
+def inertia(system: System) -> tuple[int, int, int]:
+    """Numbers of negative, zero and positive eigenvalues of the tangent at the current q.
+
+    Prescribed ports count as positive. With one-way air the air's mesh is held where it is,
+    since the body feels it by discretisation error only, and counts as positive too.
+
+    Raises:
+        ValueError: If the coupling has no potential, so that its tangent is not symmetric.
+    """
+    if not system.problem.coupling.symmetric:
+        raise ValueError("the tangent has an inertia only if physics.coupling is energy")
+    system.residual(system.q, system.residual_vector)
+    system.tangent(system.matrix)
+    matrix = system.matrix.copy()
+    matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+    matrix.zeroRowsColumns(system.map.numbers("air mesh"), 1.0)
+    set_options(_PREFIX, _INERTIA_OPTIONS)
+    solver = PETSc.PC().create(matrix.comm)
+    solver.setOptionsPrefix(_PREFIX)
+    solver.setType("cholesky")
+    solver.setFactorSolverType("mumps")
+    solver.setOperators(matrix)
+    solver.setUp()
+    negative, zero, positive = solver.getFactorMatrix().getInertia()
+    return int(negative), int(zero), int(positive)
+
+
+def set_options(prefix: str, options: dict[str, Any]) -> None:
+    """Put options into PETSc's database."""
+    known = PETSc.Options()
+    for key, value in options.items():
+        known[prefix + key] = value
