@@ -29,7 +29,7 @@ from dealib.program.signals import Signals
 from dealib.program.simulation import Simulation, State
 from dealib.results import paraview, store
 from dealib.results.checkpoint import CheckpointFolder
-from dealib.results.fields import fields
+from dealib.results.fields import Fields
 from dealib.results.reader import Run
 
 log = logging.getLogger(__name__)
@@ -72,6 +72,7 @@ class Recorder:
         self._states = store.StateFile(self.directory, mesh, texts, done)
         if self.wanted != "none":
             self._fields = store.FieldFile(self.directory, mesh, done)
+            self._derive = Fields(self.case.config, mesh)
             paraview.write(self.directory, mesh)
 
     def see(self, state: State) -> None:
@@ -83,7 +84,7 @@ class Recorder:
             viscosity = state.simulation.viscosity
             at_gauss = None if viscosity is None else viscosity.at_gauss(internal)
             if self._fields is not None and stored:
-                found = fields(self.case.config, self._fields.mesh, nodal, at_gauss)
+                found = self._derive(nodal, at_gauss)
                 self._fields.add(state.row["step"], state.row["time_s"], found)
             self._history.add(state.row)
             self._states.add(state.row, nodal if stored else None, at_gauss)

@@ -86,13 +86,29 @@ class ResultMesh:
             cells: The cells, whole regions.
             out: By name, (nodes, ...).
         """
+        Average(self, cells).into(out, by_cell)
+
+
+class Average:
+    """Averages values at the nodes of some cells; what does not change is found once.
+
+    Args:
+        mesh: The mesh.
+        cells: The cells, whole regions.
+    """
+
+    def __init__(self, mesh: ResultMesh, cells: Ints) -> None:
         from scipy.sparse import csr_matrix
 
-        nodes = self.cells[cells].ravel()
-        entries = np.arange(len(nodes))
-        total = csr_matrix((np.ones(len(nodes)), (nodes, entries)), (len(self.points), len(nodes)))
+        nodes = mesh.cells[cells].ravel()
+        shape = (len(mesh.points), len(nodes))
+        total = csr_matrix((np.ones(len(nodes)), (nodes, np.arange(len(nodes)))), shape)
         count = np.bincount(nodes)
-        used = np.flatnonzero(count)
+        self._used = np.flatnonzero(count)
+        self._total, self._count = total[self._used], count[self._used, None]
+
+    def into(self, out: dict[str, Array], by_cell: dict[str, Array]) -> None:
+        """Average values by name, (cells, nodes of a cell, ...), into nodal ones, (nodes, ...)."""
         for name, values in by_cell.items():
-            mean = (total @ values.reshape(len(nodes), -1))[used] / count[used, None]
-            out[name][used] = mean.reshape(-1, *values.shape[2:])
+            mean = self._total @ values.reshape(self._total.shape[1], -1) / self._count
+            out[name][self._used] = mean.reshape(-1, *values.shape[2:])

@@ -107,7 +107,8 @@ class StateFile:
             self._file[name] = text
         self._link("mesh", "mesh.h5", "/")
         self._file.create_group("states")
-        self._columns = self._file.create_group("history")
+        self._history = self._file.create_group("history")
+        self._columns: dict[str, Any] = {}  # to look them up by name costs as much as to write
         if keep >= 0:
             self._reopen(keep)
         self._write()
@@ -171,7 +172,8 @@ class StateFile:
         if name not in self._columns:
             kind = h5py.string_dtype() if isinstance(values[0], (str, bytes)) else None
             shape = {"maxshape": (None,), "chunks": (_CHUNK,)}
-            self._columns.create_dataset(name, data=values, dtype=kind, **shape)
+            found = self._history.create_dataset(name, data=values, dtype=kind, **shape)
+            self._columns[name] = found
             return
         column = self._columns[name]
         column.resize(len(column) + len(values), axis=0)
