@@ -15,18 +15,24 @@ def summary(run: Run) -> str:
     h = run.history
     info = run.info
     rows = [
-        (
-            "displacement",
-            f"{h['displacement_mm'].min():.5g} .. {h['displacement_mm'].max():.5g} mm",
-        ),
-        ("force on mount", f"{h['force_N'].min():.5g} .. {h['force_N'].max():.5g} N"),
+        (name, f"{_clean(h[column].min()):.5g} .. {_clean(h[column].max()):.5g} {unit}")
+        for name, column, unit in (
+            ("displacement", "displacement_mm", "mm"),
+            ("force on mount", "force_N", "N"),
+        )
     ]
     for a in actuations(h):
         rows.append(
-            (f"stroke in {a.stage!r}", f"{a.stroke:.5g} mm at up to {a.peak_voltage:.4g} kV")
+            (
+                f"stroke in {a.stage!r}",
+                f"{_clean(a.stroke):.5g} mm at up to {a.peak_voltage:.4g} kV",
+            )
         )
         rows.append(
-            (f"force change in {a.stage!r}", f"{a.force_change:.5g} N (blocking force if held)")
+            (
+                f"force change in {a.stage!r}",
+                f"{_clean(a.force_change):.5g} N (blocking force if held)",
+            )
         )
     for point in critical_points(h, run.config):
         rows.append((f"{point.name} in {point.stage!r}", point.text))
@@ -47,6 +53,11 @@ def summary(run: Run) -> str:
     rows.append(("results", str(run.directory)))
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
+
+
+def _clean(value: float) -> float:
+    """Without rounding errors and a minus before 0."""
+    return round(float(value), 9) + 0.0
 
 
 def resume_command(run: Run) -> str:
@@ -102,4 +113,4 @@ def _energy(run: Run) -> list[str]:
 
 
 def _share(value: float) -> str:
-    return f"{value:8.3f}" if value == value else f"{'-':>8}"  # NaN differs from itself
+    return f"{_clean(value):8.3f}" if value == value else f"{'-':>8}"  # NaN differs from itself
