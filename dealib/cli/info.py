@@ -104,7 +104,7 @@ def _energy(run: Run) -> list[str]:
     except ConfigError:
         return []  # nothing has converged
     lines = [
-        f"  {c.name:<44.44} {c.electrical_in:9.4g} {c.electrical:9.4g} {c.mechanical_out:9.4g} "
+        f"  {c.name:<44.44} {c.electrical_in:9.4g} {c.electrical:9.4g} {_clean(c.mechanical_out):9.4g} "
         f"{c.mechanical:9.4g} {_share(c.transfer)} {_share(c.efficiency)}"
         for c in found
     ]
