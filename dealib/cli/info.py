@@ -103,11 +103,11 @@ def _energy(run: Run) -> list[str]:
         found = cycles(run)
     except ConfigError:
         return []  # nothing has converged
-    lines = [
-        f"  {c.name:<44.44} {c.electrical_in:9.4g} {c.electrical:9.4g} {_clean(c.mechanical_out):9.4g} "
-        f"{c.mechanical:9.4g} {_share(c.transfer)} {_share(c.efficiency)}"
-        for c in found
-    ]
+    lines = []
+    for c in found:
+        sums = (c.electrical_in, c.electrical, c.mechanical_out, c.mechanical)
+        numbers = " ".join(f"{_clean(v):9.4g}" for v in sums)
+        lines.append(f"  {c.name:<44.44} {numbers} {_share(c.transfer)} {_share(c.efficiency)}")
     head = f"  {'cycle':<44} {'el. in':>9} {'el. net':>9} {'mech. out':>9} {'mech. net':>9}"
     return ["", "energy, mJ", f"{head} {'out/in':>8} {'net eff.':>8}", *lines] if lines else []
 
