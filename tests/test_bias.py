@@ -158,7 +158,7 @@ def test_double_cone_balances_two_films():
     """Half-way by symmetry; under voltage the forces of two runs are equal and opposite."""
     h = history(CONE)
     assert h["displacement_mm"].iloc[5] == pytest.approx(-2, abs=1e-9)
-    u, force = h["displacement_mm"].iloc[15], h["force_N"].iloc[15]
+    u, force = float(h["displacement_mm"].iloc[15]), h["force_N"].iloc[15]
     assert u == pytest.approx(-2.2534838, abs=1e-6)
     program = "[{stage: prestrain}, {stage: push, mount: {displacement: %r mm}, steps: 4}]"
     second = history(CONE, program=program % -(u + 4))
@@ -174,7 +174,7 @@ def test_a_second_film_of_its_own():
         " {stage: actuate, terminal: {voltage: 2.5 kV}, steps: 5}]"
     )
     h = history(CONE, program=program)
-    u, force = h["displacement_mm"].iloc[5], h["force_N"].iloc[5]
+    u, force = float(h["displacement_mm"].iloc[5]), h["force_N"].iloc[5]
     assert u < -2.05
     alone = history(
         CONE,
