@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 import dealib
 from dealib.config import resolved
 from dealib.config.materials import ElectrodeMaterial, Materials
-from dealib.materials.library import library
+from dealib.materials.published import library
 from dealib.materials.response import response
 from dealib.units import EPSILON_0
 

@@ -251,7 +251,7 @@ def test_the_command_draws_and_inverts(swept, strip_run):
     *table, path = done.stdout.splitlines()
     assert (swept.directory / "plots" / "sensing.png").samefile(path)
     assert [float(line.split()[0]) for line in table[3:]] == [0, 1, 1.6, 2]
-    C = swept.history["capacitance_pF"][5]
+    C = float(swept.history["capacitance_pF"][5])
     done = call(swept.directory, "--at", f"{C!r},0")
     assert done.stdout.split()[1] == "mm"
     assert float(done.stdout.split()[0]) == pytest.approx(swept.history["displacement_mm"][5])

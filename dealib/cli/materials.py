@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from dealib.config.source import did_you_mean
 from dealib.errors import ConfigError
 from dealib.materials.laws import LAWS, Law
-from dealib.materials.library import library
+from dealib.materials.published import library
 
 
 def list_laws() -> str:

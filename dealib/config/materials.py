@@ -12,9 +12,9 @@ from dealib.config.source import did_you_mean
 from dealib.errors import ValueAt
 from dealib.materials.branches import Viscoelastic
 from dealib.materials.laws import LAWS, Law, invariants_of_stretches
-from dealib.materials.library import library
 from dealib.materials.permittivity import RelativePermittivity, StretchPermittivity
 from dealib.materials.prestretch import thickness_range
+from dealib.materials.published import library
 
 
 def _pair(value: object) -> object:

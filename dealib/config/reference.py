@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from dealib.config.schema import Config
-from dealib.materials.library import library
+from dealib.materials.published import library
 from dealib.units import DIMENSIONS
 
 Node = dict[str, Any]

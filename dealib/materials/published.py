@@ -67,6 +67,6 @@ def _text(value: Any) -> str:
 @functools.cache
 def library() -> dict[str, Entry]:
     """All materials by name."""
-    path = Path(__file__).with_name("library.yaml")
+    path = Path(__file__).with_name("published.yaml")
     found = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
     return {name: Entry(**entry) for name, entry in found.items()}
