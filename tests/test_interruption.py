@@ -3,7 +3,6 @@
 import json
 import os
 import random
-import resource
 import shutil
 import signal
 import subprocess
@@ -30,35 +29,46 @@ def small(*changes):
     return dealib.load(SMALL, set=changes)
 
 
-def in_child(case, directory, limit=None, **options):
-    """Start a run in a child process, which may write files up to a limit; returns its pid."""
-    pid = os.fork()
-    if pid == 0:
-        code = 1
-        try:
-            if limit is not None:
-                resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-            dealib.simulate(case, directory, **options)
-            code = 0
-        except dealib.DealibError as error:
-            code = error.exit_code
-            os.write(2, str(error).encode())
-        finally:
-            os._exit(code)
-    return pid
+def in_child(*arguments, limit=None):
+    """Start a run in a process of its own, which may write files up to a limit.
+
+    Not by a fork: MPICH shares memory with a forked child, whose writes break this process.
+    """
+    code = "import resource; import dealib.program; from dealib.__main__ import main; "
+    if limit is not None:  # not before MPI has started: it writes files as well
+        code += f"resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit})); "
+    return subprocess.Popen(
+        [sys.executable, "-c", code + "main()", *command(*arguments)[3:]],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
 
 
-def exit_code(pid):
-    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+def exit_code(job):
+    job.communicate(timeout=90)
+    return job.returncode
+
+
+def wait_for(path):
+    """Wait until a file is there."""
+    deadline = time.monotonic() + 90
+    while not path.exists():
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"{path} did not come")
+        time.sleep(0.002)
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
-    """The run that nobody interrupts, and how long it takes."""
+    """The run that nobody interrupts, and how long it takes from its directory on."""
     directory = tmp_path_factory.mktemp("whole") / "run"
-    assert exit_code(in_child(small(), directory)) == 0
+    assert exit_code(in_child("--out", directory)) == 0
+    shutil.rmtree(directory)
+    job = in_child("--out", directory)
+    wait_for(directory)
     begin = time.perf_counter()
-    assert exit_code(in_child(small(), directory, overwrite=True)) == 0
+    assert exit_code(job) == 0
     return dealib.open(directory), time.perf_counter() - begin
 
 
@@ -109,17 +119,17 @@ def kill_at_random(tmp_path, whole, times, seed):
     rng, found = random.Random(seed), []
     while len(found) < times:
         directory = tmp_path / f"killed_{len(found)}"
-        pid = in_child(small(), directory, overwrite=True)
+        job = in_child("--out", directory, "--overwrite")
+        wait_for(directory)
         delay = rng.uniform(0, seconds)
         time.sleep(delay)
-        os.kill(pid, signal.SIGKILL)
-        if exit_code(pid) == 0:  # it was done: not a kill
+        job.kill()
+        if exit_code(job) == 0:  # it was done: not a kill
             seconds = min(seconds, delay)
+            shutil.rmtree(directory)
             continue
-        found.append(assert_readable(directory, whole) if directory.exists() else 0)
-        if not directory.exists():
-            continue
-        assert exit_code(in_child(small(), directory, resume=True)) == 0
+        found.append(assert_readable(directory, whole))
+        assert exit_code(in_child("--out", directory, "--resume")) == 0
         after = dealib.open(directory)
         assert after.status == "done"
         assert_same_history(after, whole)
@@ -387,11 +397,11 @@ def test_resuming_a_finished_run_changes_nothing(whole):
 
 
 @pytest.mark.parametrize("kilobytes", [1, 2, 8, 20])
-def test_a_limit_on_file_size_stops_it_cleanly(tmp_path, whole, kilobytes, capfd):
+def test_a_limit_on_file_size_stops_it_cleanly(tmp_path, whole, kilobytes):
     directory = tmp_path / "run"
-    pid = in_child(small(), directory, limit=1024 * kilobytes)
-    assert exit_code(pid) == 4
-    message = capfd.readouterr().err
+    job = in_child("--out", directory, limit=1024 * kilobytes)
+    _, message = job.communicate(timeout=90)
+    assert job.returncode == 4
     assert "cannot write " in message
     assert "File too large" in message or "limit on file size" in message
     assert not list(directory.rglob("*.tmp"))
