@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
+import weakref
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -87,9 +89,9 @@ class Newton:
         set_options(_PREFIX, _OPTIONS)
         self._snes = PETSc.SNES().create(problem.device.mesh.comm)
         self._snes.setOptionsPrefix(_PREFIX)
-        self._snes.setFunction(self._residual, self.system.residual_vector)
-        self._snes.setJacobian(self._tangent, self.system.matrix)
-        self._snes.setConvergenceTest(self._test)
+        self._snes.setFunction(_weak(self._residual), self.system.residual_vector)
+        self._snes.setJacobian(_weak(self._tangent), self.system.matrix)
+        self._snes.setConvergenceTest(_weak(self._test))
         # `_test` alone decides; PETSc 3.25 would take a failed line search for a small step
         self._snes.setTolerances(stol=0.0, max_it=solver.max_iterations)
         set_linear_solver(self._snes, self.system, _PREFIX, symmetric)
@@ -252,3 +254,19 @@ class Newton:
         """
         step = self.system.field_norms(self._snes.getSolutionUpdate())
         return bool((step <= self._step_tolerance).all())
+
+
+def _weak(method: Callable[..., Any]) -> Callable[..., Any]:
+    """A callback that does not keep its object, and with it the mesh and MPI's communicators.
+
+    PETSc holds callbacks where Python's collector does not see them: bound methods would make a
+    cycle that is never freed.
+    """
+    found = weakref.WeakMethod(method)
+
+    def call(*arguments: Any) -> Any:
+        alive = found()
+        assert alive is not None
+        return alive(*arguments)
+
+    return call

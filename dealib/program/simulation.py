@@ -70,7 +70,7 @@ class Simulation:
         self.predictor = Predictor(
             case.config.solver.predictor_order, retrace=self.viscosity is None
         )
-        self.book = Book(self)
+        self.book = Book(case.config, self.problem.device, self.layout)
         self._stages = case.config.program
         if self._stages[0].stage != "prestrain":
             self._stages = (Stage(stage="prestrain", duration="1 s"), *self._stages)

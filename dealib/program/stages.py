@@ -55,7 +55,7 @@ def ramp(of: Simulation, stage: Stage) -> Iterator[State]:
 
     def too_far(at: float, step: float) -> bool:
         """Whether a condition is met on a step that can still be halved."""
-        met = of.book.met(stage, time(at)) if fine else None
+        met = of.book.met(of, stage, time(at)) if fine else None
         return met is not None and step > 0.5**met.bisect / stage.steps * (1 + 1e-9)
 
     apply(p.place.now)
@@ -110,7 +110,7 @@ def _state(
         more["unstable_modes"] = of.newton.unstable_modes() if modes is None else modes
         more["limit_point"] = int(kind == LIMIT_POINT)
         more["bifurcation"] = int(kind == BIFURCATION)
-    return of.book.accept(stage, at, last, more)
+    return of.book.accept(of, stage, at, last, more)
 
 
 def _passed(before: dict[str, Any], row: dict[str, Any], until: Until) -> bool:

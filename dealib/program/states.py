@@ -7,8 +7,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from dealib.config.program import Stage
+from dealib.config.schema import Config
 from dealib.config.stop import StopWhen
+from dealib.fem.device import Device
 from dealib.fem.film import FilmPoints
+from dealib.fem.layout import Layout
 from dealib.fem.measures import film_stretches, measure
 from dealib.fem.snapshot import Snapshot
 from dealib.program.bias import ReachWatch
@@ -55,51 +58,62 @@ class _Measured(NamedTuple):
 
 
 class Book:
-    """Takes the states of a simulation down, one after the other."""
+    """Takes the states of a simulation down, one after the other.
 
-    def __init__(self, simulation: Simulation) -> None:
-        self._of = simulation
-        config = simulation.case.config
-        self._film = FilmPoints.of(config, simulation.problem.device, simulation.layout)
+    It is given the simulation each time: kept here, the two would keep each other and their mesh
+    until Python's collector comes, and MPI's communicators are few.
+
+    Args:
+        config: The config.
+        device: The mesh.
+        layout: Its layout.
+    """
+
+    def __init__(self, config: Config, device: Device, layout: Layout) -> None:
+        self._film = FilmPoints.of(config, device, layout)
         self._watch = StabilityWatch(config.materials.film)
         self._reach = ReachWatch()
 
-    def met(self, stage: Stage, at: float) -> StopWhen | None:
+    def met(self, of: Simulation, stage: Stage, at: float) -> StopWhen | None:
         """The condition that the present state would meet, if there is one."""
-        return self._met(stage, self._measure(stage, at, {}).row)
+        return _met(of, stage, self._measure(of, stage, at, {}).row)
 
-    def accept(self, stage: Stage, at: float, last: bool, more: dict[str, Any]) -> State:
+    def accept(
+        self, of: Simulation, stage: Stage, at: float, last: bool, more: dict[str, Any]
+    ) -> State:
         """Take the present state as the next one.
 
         Args:
+            of: The simulation.
             stage: Its stage.
             at: Clock time, s.
             last: Whether it ends the stage.
             more: Further columns.
         """
-        p = self._of.progress
-        row, snapshot, p.work = self._measure(stage, at, more)
-        met = self._met(stage, row)
+        p = of.progress
+        row, snapshot, p.work = self._measure(of, stage, at, more)
+        met = _met(of, stage, row)
         p.step, p.time, p.row = p.step + 1, at, row
         keep(p.worst, snapshot.peaks, row)
         self._watch.see(row, lambda: film_stretches(snapshot))
-        self._reach.see(row, self._of.newton.system.ports["mount"])
+        self._reach.see(row, of.newton.system.ports["mount"])
         if met is not None:
-            p.over, ends = True, "run" if met in self._of.case.config.stop_when else "stage"
+            p.over, ends = True, "run" if met in of.case.config.stop_when else "stage"
             found = {key: row[key] for key in ("step", "time_s", "stage")}
             p.stops.append({**found, "when": met.when, "ends": ends})
             log.info("%s ends the %s at step %d", met.when, ends, row["step"])
-        return State(row, last or met is not None, self._of)
+        return State(row, last or met is not None, of)
 
-    def _measure(self, stage: Stage, at: float, more: dict[str, Any]) -> _Measured:
-        p = self._of.progress
+    def _measure(self, of: Simulation, stage: Stage, at: float, more: dict[str, Any]) -> _Measured:
+        p = of.progress
         row: dict[str, Any] = {"step": p.step + 1, "time_s": at, "stage": stage.stage}
-        snapshot = Snapshot(self._of.newton, self._film, self._of.viscosity)
+        snapshot = Snapshot(of.newton, self._film, of.viscosity)
         work = replace(p.work)
         row |= measure(snapshot)
         row |= work.add(p.row, row)
         return _Measured(row | more, snapshot, work)
 
-    def _met(self, stage: Stage, row: dict[str, Any]) -> StopWhen | None:
-        conditions = (*self._of.case.config.stop_when, *stage.stop_when)
-        return next((c for c in conditions if c.met(row)), None)
+
+def _met(of: Simulation, stage: Stage, row: dict[str, Any]) -> StopWhen | None:
+    conditions = (*of.case.config.stop_when, *stage.stop_when)
+    return next((c for c in conditions if c.met(row)), None)
