@@ -61,6 +61,7 @@ def solve(
             overwrite=overwrite,
             resume=resume,
             observers=observers,
+            beside=True,
             comm=comm,
             argv=sys.argv,
             started=STARTED,

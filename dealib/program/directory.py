@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import platform
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,16 +19,18 @@ from dealib.program.log import LOGGER
 from dealib.results import store
 from dealib.results.checkpoint import Checkpoint, CheckpointFolder
 from dealib.results.files import write_text
+from dealib.results.lock import Lock
 from dealib.results.reader import Run
 
 # what a resumed run may change: nothing of it enters the equations (a mesh file is compared by
 # its mesh, not by its path)
 _FREE = ("name", "description", "output.", "solver.", "mesh.file", "tables.")
+_PATIENCE = 20.0  # s, for the writer of a run that was just killed; it needs less
 
 
 def prepare(
     path: Path, case: Case, info: dict[str, Any], overwrite: bool, resume: bool, comm: MPI.Comm
-) -> Checkpoint | None:
+) -> tuple[Checkpoint | None, Lock]:
     """Make the run directory, or take up an existing one (collective).
 
     Args:
@@ -41,21 +42,26 @@ def prepare(
         comm: MPI communicator.
 
     Returns:
-        Where to go on; None to start at the beginning. The arrays are on rank 0.
+        Where to go on, None to start at the beginning (the arrays are on rank 0); and the
+        directory's lock (on rank 0), to be held while the run lasts.
 
     Raises:
         DealibError: On every rank, whatever went wrong on rank 0.
     """
     error: DealibError | None = None
     saved: Checkpoint | None = None
+    lock = Lock()
     if comm.rank == 0:
         try:
             if case.config.mesh.file is not None:  # before anything is overwritten
                 model.check(case.config)
             if resume:
+                _may_resume(path)
+                lock = Lock(path, _PATIENCE)
                 saved = _take_up(path, case, info)
             else:
                 _make(path, overwrite)
+                lock = Lock(path)
             store.write_info(path, info)
             write_text(path / "config.yaml", case.text)
             write_text(path / "config.resolved.yaml", resolved(case.config))
@@ -63,12 +69,13 @@ def prepare(
             error = caught
     error = comm.bcast(error, root=0)
     if error is not None:
-        raise error
+        with lock:
+            raise error
     plain = None if saved is None else (saved.values, saved.mesh)
     plain = comm.bcast(plain, root=0)
     if saved is None and plain is not None:
         saved = Checkpoint(*plain)
-    return saved
+    return saved, lock
 
 
 def _make(path: Path, overwrite: bool) -> None:
@@ -83,7 +90,8 @@ def _make(path: Path, overwrite: bool) -> None:
             raise ConfigError(f"{path} is no run directory of dealib; it is not overwritten")
     try:
         if used:
-            shutil.rmtree(path)
+            with Lock(path, 0 if Run(path).status == "running" else _PATIENCE):
+                shutil.rmtree(path)
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise PlatformError(f"cannot make {path}: {error.strerror}") from None
@@ -91,18 +99,24 @@ def _make(path: Path, overwrite: bool) -> None:
         raise PlatformError(f"cannot write into {path}: permission denied")
 
 
-def _take_up(path: Path, case: Case, info: dict[str, Any]) -> Checkpoint | None:
+def _may_resume(path: Path) -> None:
     if not path.is_dir():
         raise ConfigError(f"{path}: nothing to resume, there is no such run; run it without it")
     if not (path / store.INFO).is_file():
         _make(path, overwrite=False)  # killed before it began
+        return
+    run = Run(path)
+    if run.status == "running":
+        raise ConfigError(
+            f"{path}: this run is still going on (process {run.info['pid']} on {run.info['host']})"
+        )
+
+
+def _take_up(path: Path, case: Case, info: dict[str, Any]) -> Checkpoint | None:
+    if not (path / store.INFO).is_file():
         return None
     run = Run(path)
     old = run.info
-    if run.status == "running":
-        raise ConfigError(
-            f"{path}: this run is still going on (process {old['pid']} on {old['host']})"
-        )
     saved = CheckpointFolder(path).read()
     if saved is None:
         return None  # killed before anything converged
@@ -150,8 +164,3 @@ def _flat(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
             yield from _flat(value, where + ".")
         else:
             yield where, value
-
-
-def identity() -> dict[str, Any]:
-    """Which process runs where, to tell a killed run from one that goes on."""
-    return {"pid": os.getpid(), "host": platform.node()}

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import logging
-import platform
+import os
 import shlex
-import subprocess
 import sys
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
@@ -16,21 +16,19 @@ from typing import Any, Protocol
 
 from mpi4py import MPI
 
-import numpy as np
-
-from dealib.config.case import Case, resolved
+from dealib.config.case import Case
 from dealib.errors import Interrupted, NotConverged, PlatformError
-from dealib.fem import compat
-from dealib.program.directory import identity, prepare
+from dealib.program.directory import prepare
 from dealib.program.log import to_file
 from dealib.program.margins import table
-from dealib.program.predictor import MEMORY
+from dealib.program.provenance import git_hash, identity, versions
+from dealib.program.recorder import Recorder
 from dealib.program.signals import Signals
 from dealib.program.simulation import Simulation, State
-from dealib.results import paraview, store
-from dealib.results.checkpoint import CheckpointFolder
-from dealib.results.fields import Fields
+from dealib.results import store
+from dealib.results.beside import Beside
 from dealib.results.reader import Run
+from dealib.results.writer import StepWriter
 
 log = logging.getLogger(__name__)
 
@@ -46,57 +44,6 @@ class Observer(Protocol):
 
     def stop(self, error: BaseException | None) -> None:
         """Called at the end, with what ended it if not the program's end."""
-
-
-class Recorder:
-    """Writes history, states and fields into the run directory (files on rank 0)."""
-
-    def __init__(self, directory: Path, case: Case) -> None:
-        self.directory, self.case = directory, case
-        self.wanted = case.config.output.fields
-        self._history: store.HistoryFile | None = None
-        self._states: store.StateFile | None = None
-        self._fields: store.FieldFile | None = None
-        self._checkpoint = CheckpointFolder(directory)
-
-    def start(self, simulation: Simulation) -> None:
-        """See `Observer`."""
-        self._timings = simulation.timings
-        mesh, done = simulation.layout.mesh, simulation.progress.step
-        if mesh is None:
-            return
-        self._mesh = mesh.fingerprint
-        self._history = store.HistoryFile(self.directory, done)
-        texts = {"config": self.case.text, "config_resolved": resolved(self.case.config)}
-        texts |= {f"versions/{k}": v for k, v in versions().items()}
-        self._states = store.StateFile(self.directory, mesh, texts, done)
-        if self.wanted != "none":
-            self._fields = store.FieldFile(self.directory, mesh, done)
-            self._derive = Fields(self.case.config, mesh)
-            paraview.write(self.directory, mesh)
-
-    def see(self, state: State) -> None:
-        """See `Observer`. The checkpoint comes last: what it knows of is all there."""
-        begin = time.perf_counter()
-        stored = self.wanted == "every" or (self.wanted == "stage" and state.end_of_stage)
-        nodal, internal = state.nodal(), state.internal()
-        if self._history is not None and self._states is not None:
-            viscosity = state.simulation.viscosity
-            at_gauss = None if viscosity is None else viscosity.at_gauss(internal)
-            if self._fields is not None and stored:
-                found = self._derive(nodal, at_gauss)
-                self._fields.add(state.row["step"], state.row["time_s"], found)
-            self._history.add(state.row)
-            self._states.add(state.row, nodal if stored else None, at_gauss)
-            with self._timings("checkpoint"):
-                values = state.simulation.plain()
-                self._checkpoint.write(values, self._mesh, nodal, MEMORY, internal)
-        self._timings["output"] += time.perf_counter() - begin
-
-    def stop(self, error: BaseException | None) -> None:
-        """See `Observer`."""
-        if self._states is not None and not isinstance(error, PlatformError):
-            self._states.close()
 
 
 class Log:
@@ -133,24 +80,6 @@ def line(row: dict[str, Any]) -> str:
     )
 
 
-def versions() -> dict[str, str]:
-    """Versions of everything that results depend on."""
-    from importlib.metadata import version
-
-    from petsc4py import PETSc
-
-    import gmsh
-
-    return {
-        "dealib": version("dealib"),
-        "dolfinx": compat.VERSION,
-        "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
-        "gmsh": gmsh.__version__,
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-    }
-
-
 def simulate(
     case: Case,
     directory: str | Path | None = None,
@@ -158,6 +87,7 @@ def simulate(
     overwrite: bool = False,
     resume: bool = False,
     observers: Sequence[Observer] = (),
+    beside: bool = False,
     comm: MPI.Comm = MPI.COMM_WORLD,
     argv: Sequence[str] | None = None,
     started: float | None = None,
@@ -170,6 +100,7 @@ def simulate(
         overwrite: Replace an existing run.
         resume: Go on with an unfinished run; a finished one is left as it is.
         observers: What else sees each state.
+        beside: Write in a process of its own, where there is a processor for it.
         comm: MPI communicator.
         argv: Command line to record.
         started: `time.perf_counter()` at which the process began, for the timings.
@@ -194,19 +125,23 @@ def simulate(
         "set": list(case.overrides),
         "ranks": comm.size,
         **identity(),
-        "git": _git_hash(),
+        "git": git_hash(),
         "versions": versions(),
     }
     if resume and _is_done(path, comm):
         return Run(path)
     with Signals(comm) as signals, to_file(path, comm.rank == 0) as info["warnings"]:
-        saved = prepare(path, case, info, overwrite, resume, comm)
-        with _Session(path, info, begin, comm) as session:
+        saved, lock = prepare(path, case, info, overwrite, resume, comm)
+        with lock, ExitStack() as stack:
+            beside = beside and comm.rank == 0 and len(os.sched_getaffinity(0)) > comm.size
+            begin_writing = stack.enter_context(Beside(lock)).open if beside else StepWriter
+            session = stack.enter_context(_Session(path, info, begin, comm))
             log.info("%s", shlex.join(info["argv"]))
             log.info("%s", ", ".join(f"{k} {v}" for k, v in info["versions"].items()))
             mesh_file = path / "mesh.msh" if saved is None else None
             simulation = Simulation(case, comm, mesh_file, saved)
-            session.run(simulation, [Recorder(path, case), Log(), *observers], signals)
+            recorder = Recorder(path, case, begin_writing)
+            session.run(simulation, recorder, observers, signals)
     return Run(path)
 
 
@@ -221,8 +156,15 @@ class _Session:
     def __enter__(self) -> _Session:
         return self
 
-    def run(self, simulation: Simulation, observers: Sequence[Observer], signals: Signals) -> None:
+    def run(
+        self,
+        simulation: Simulation,
+        recorder: Recorder,
+        others: Sequence[Observer],
+        signals: Signals,
+    ) -> None:
         """Show every state to every observer."""
+        observers: list[Observer] = [recorder, Log(), *others]
         self.timings = simulation.timings
         self.timings["import"] += self.imported
         self.info["unknowns"] = simulation.unknowns
@@ -237,6 +179,7 @@ class _Session:
                     for observer in observers:
                         observer.see(state)
                     if signals.obey():
+                        recorder.wait()
                         log.info("SIGUSR1: the checkpoint is at step %d", state.row["step"])
             finally:
                 self.timings["solve"] += time.perf_counter() - loop  # the whole step loop
@@ -283,18 +226,3 @@ def _status(failure: BaseException | None) -> str:
 def _is_done(path: Path, comm: MPI.Comm) -> bool:
     done = (path / store.INFO).is_file() and Run(path).status == "done"
     return bool(comm.bcast(done, root=0))
-
-
-def _git_hash() -> str | None:
-    """Commit of the checkout that dealib runs from, if it is one."""
-    try:
-        found = subprocess.run(
-            ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"],
-            capture_output=True,
-            text=True,
-            timeout=5,
-            check=False,
-        )
-    except (OSError, subprocess.TimeoutExpired):
-        return None
-    return found.stdout.strip() if found.returncode == 0 else None

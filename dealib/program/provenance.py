@@ -1,0 +1,51 @@
+"""What a run came from: versions, commit, process."""
+
+from __future__ import annotations
+
+import os
+import platform
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dealib.fem import compat
+
+
+def versions() -> dict[str, str]:
+    """Versions of everything that results depend on."""
+    from importlib.metadata import version
+
+    from petsc4py import PETSc
+
+    import gmsh
+
+    return {
+        "dealib": version("dealib"),
+        "dolfinx": compat.VERSION,
+        "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
+        "gmsh": gmsh.__version__,
+        "numpy": np.__version__,
+        "python": platform.python_version(),
+    }
+
+
+def git_hash() -> str | None:
+    """Commit of the checkout that dealib runs from, if it is one."""
+    try:
+        found = subprocess.run(
+            ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"],
+            capture_output=True,
+            text=True,
+            timeout=5,
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return found.stdout.strip() if found.returncode == 0 else None
+
+
+def identity() -> dict[str, Any]:
+    """Which process runs where, to tell a killed run from one that goes on."""
+    return {"pid": os.getpid(), "host": platform.node()}

@@ -1,0 +1,64 @@
+"""The observer that has every converged state written."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from dealib.config.case import Case, resolved
+from dealib.errors import PlatformError
+from dealib.program.predictor import MEMORY
+from dealib.program.provenance import versions
+from dealib.program.simulation import Simulation
+from dealib.program.states import State
+from dealib.results.writer import Opening, Record, Writer
+
+
+class Recorder:
+    """Gives every state to a writer (on rank 0).
+
+    Args:
+        directory: The run directory.
+        case: The case.
+        begin: Makes the writer.
+    """
+
+    def __init__(self, directory: Path, case: Case, begin: Callable[[Opening], Writer]) -> None:
+        self._directory, self._case, self._begin = directory, case, begin
+        self._wanted = case.config.output.fields
+        self._writer: Writer | None = None
+
+    def start(self, simulation: Simulation) -> None:
+        """See `Observer`."""
+        self._timings = simulation.timings
+        if simulation.layout.mesh is None:
+            return
+        texts = {"config": self._case.text, "config_resolved": resolved(self._case.config)}
+        texts |= {f"versions/{k}": v for k, v in versions().items()}
+        mesh, done = simulation.layout.mesh, simulation.progress.step
+        self._writer = self._begin(Opening(self._directory, self._case.config, mesh, texts, done))
+
+    def see(self, state: State) -> None:
+        """See `Observer`."""
+        begin = time.perf_counter()
+        stored = self._wanted == "every" or (self._wanted == "stage" and state.end_of_stage)
+        nodal, internal = state.nodal(), state.internal()
+        if self._writer is not None:
+            viscosity = state.simulation.viscosity
+            at_gauss = None if viscosity is None else viscosity.at_gauss(internal)
+            values = state.simulation.plain()
+            self._writer.add(Record(state.row, nodal, stored, values, MEMORY, internal, at_gauss))
+        self._timings["output"] += time.perf_counter() - begin
+
+    def wait(self) -> None:
+        """Return when every state is on the disk."""
+        if self._writer is not None:
+            self._writer.wait()
+
+    def stop(self, error: BaseException | None) -> None:
+        """See `Observer`."""
+        if self._writer is not None and not isinstance(error, PlatformError):
+            begin = time.perf_counter()
+            self._timings["writing"] = self._writer.close(gather=True)
+            self._timings["output"] += time.perf_counter() - begin

@@ -1,0 +1,125 @@
+"""Everything that a run writes of its converged states, in the order that survives a kill."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from dealib.config.schema import Config
+from dealib.errors import PlatformError
+from dealib.results import paraview, store
+from dealib.results.checkpoint import CheckpointFolder
+from dealib.results.elements import Array
+from dealib.results.fields import Fields
+from dealib.results.mesh import ResultMesh
+
+
+@dataclass(frozen=True)
+class Opening:
+    """What a writer begins with.
+
+    Attributes:
+        directory: The run directory.
+        config: The run's config.
+        mesh: Mesh of the states.
+        texts: What else `results.h5` holds, by name.
+        done: Go on after this step; later ones are dropped.
+    """
+
+    directory: Path
+    config: Config
+    mesh: ResultMesh
+    texts: Mapping[str, str]
+    done: int
+
+
+@dataclass(frozen=True)
+class Record:
+    """A converged state, ready to be written.
+
+    Attributes:
+        row: Row of the history.
+        state: Nodal values.
+        stored: Whether the state and its fields are results, or only a checkpoint.
+        values: Plain values for the checkpoint.
+        keep: How many states a checkpoint keeps.
+        internal: Internal state of Maxwell branches, if there are some.
+        at_gauss: The same as `fields` wants it.
+    """
+
+    row: dict[str, Any]
+    state: Array
+    stored: bool
+    values: dict[str, Any]
+    keep: int
+    internal: Array | None = None
+    at_gauss: Array | None = None
+
+
+class Writer(Protocol):
+    """Writes records."""
+
+    def add(self, record: Record) -> None:
+        """Write a record, now or soon.
+
+        Raises:
+            PlatformError: If the disk refuses this record or an earlier one.
+        """
+
+    def wait(self) -> None:
+        """Return when all records are written."""
+
+    def close(self, gather: bool) -> float:
+        """Write what is left; returns the seconds that writing took.
+
+        Args:
+            gather: Make `results.h5` one file.
+        """
+
+
+class StepWriter:
+    """Writes each record in the step itself."""
+
+    def __init__(self, opening: Opening) -> None:
+        directory, mesh, done = opening.directory, opening.mesh, opening.done
+        self.seconds = 0.0
+        self._mesh = mesh.fingerprint
+        self._history = store.HistoryFile(directory, done)
+        self._states = store.StateFile(directory, mesh, opening.texts, done)
+        self._checkpoint = CheckpointFolder(directory)
+        self._fields: store.FieldFile | None = None
+        if opening.config.output.fields != "none":
+            self._fields = store.FieldFile(directory, mesh, done)
+            self._derive = Fields(opening.config, mesh)
+            paraview.write(directory, mesh)
+
+    def add(self, record: Record) -> None:
+        """See `Writer`. The checkpoint comes last: what it knows of is all there."""
+        begin = time.perf_counter()
+        row, state, at_gauss = record.row, record.state, record.at_gauss
+        if self._fields is not None and record.stored:
+            self._fields.add(row["step"], row["time_s"], self._derive(state, at_gauss))
+        self._history.add(row)
+        self._states.add(row, state if record.stored else None, at_gauss)
+        self._checkpoint.write(record.values, self._mesh, state, record.keep, record.internal)
+        self.seconds += time.perf_counter() - begin
+
+    def wait(self) -> None:
+        """See `Writer`."""
+
+    def close(self, gather: bool) -> float:
+        """See `Writer`."""
+        begin = time.perf_counter()
+        if gather:
+            self._states.close()
+        return self.seconds + time.perf_counter() - begin
+
+
+def failure(error: BaseException) -> PlatformError:
+    """What a writer's failure is to the run."""
+    if isinstance(error, PlatformError):
+        return error
+    return PlatformError(f"writing results failed ({type(error).__name__}: {error})")
