@@ -16,11 +16,19 @@ from dealib.config.case import Case
 from dealib.errors import ConfigError, Interrupted, NotConverged
 from dealib.program import Observer, Simulation, simulate
 from dealib.program.log import to_terminal
+from dealib.results.beside import Beside
 from dealib.results.reader import Run
 
 
 def run_case(
-    case: Case, out: Path | None, *, overwrite: bool, resume: bool, dry_run: bool, verbose: bool
+    case: Case,
+    out: Path | None,
+    *,
+    overwrite: bool,
+    resume: bool,
+    dry_run: bool,
+    verbose: bool,
+    beside: Beside | None = None,
 ) -> None:
     """Run a case and print where its results are."""
     comm = MPI.COMM_WORLD
@@ -35,15 +43,22 @@ def run_case(
                 f"{simulation.steps_planned} steps; nothing solved, nothing written"
             )
         return
+    directory = Path(out or case.config.directory)
     result = solve(
-        case, Path(out or case.config.directory), overwrite=overwrite, resume=resume, quiet=verbose
+        case, directory, overwrite=overwrite, resume=resume, quiet=verbose, beside=beside
     )
     if comm.rank == 0:
         typer.echo(summary(result))
 
 
 def solve(
-    case: Case, directory: Path, *, overwrite: bool, resume: bool, quiet: bool = False
+    case: Case,
+    directory: Path,
+    *,
+    overwrite: bool,
+    resume: bool,
+    quiet: bool = False,
+    beside: Beside | None = None,
 ) -> Run:
     """Run a case into a directory, with its progress unless quiet.
 
@@ -61,7 +76,7 @@ def solve(
             overwrite=overwrite,
             resume=resume,
             observers=observers,
-            beside=True,
+            beside=beside,
             comm=comm,
             argv=sys.argv,
             started=STARTED,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
@@ -33,9 +34,22 @@ def run(
         from dealib.cli.mpi import launch
 
         launch(mpi)
-    from dealib.cli.run import run_case
+    from dealib.results.beside import Beside
 
-    run_case(case, out, overwrite=overwrite, resume=resume, dry_run=dry_run, verbose=verbose)
+    with ExitStack() as stack:
+        # before dolfinx is imported, so that it is ready with the first state
+        beside = stack.enter_context(Beside()) if Beside.useful() and not dry_run else None
+        from dealib.cli.run import run_case
+
+        run_case(
+            case,
+            out,
+            overwrite=overwrite,
+            resume=resume,
+            dry_run=dry_run,
+            verbose=verbose,
+            beside=beside,
+        )
 
 
 @app.command()

@@ -83,6 +83,7 @@ def _choice(bases: tuple[type[BaseModel], ...], suffix: str) -> Any:
         create_model(f"{law.__name__}{suffix}", __base__=(law, *bases), __doc__=law.__doc__)
         for law in LAWS.values()
     )
+    globals().update({model.__name__: model for model in models})  # where pickle looks for them
     own = tuple(name for base in bases for name in base.model_fields)
     return Annotated[
         Union[models],  # noqa: UP007 - built at run time

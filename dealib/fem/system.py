@@ -106,8 +106,9 @@ class System:
         if problem.mesh_motion:
             self._parts.append(("mesh_residual", "mesh_tangent", self.map.mesh_rows))
         with timings("forms"):
-            for residual, tangent, _ in self._parts:
-                problem.form(residual), problem.form(tangent)
+            assembled = (name for part in self._parts for name in part[:2])
+            for name in ("elastic", "electric", *assembled):
+                problem.form(name)
             self._local = compat.create_vector(problem.form("residual"))
         self._columns = self.map.lgmap(self.map.columns)
         self._rows = [self.map.lgmap(rows) for _, _, rows in self._parts]

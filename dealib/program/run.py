@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import logging
-import os
 import shlex
 import sys
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol
@@ -87,7 +86,7 @@ def simulate(
     overwrite: bool = False,
     resume: bool = False,
     observers: Sequence[Observer] = (),
-    beside: bool = False,
+    beside: Beside | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
     argv: Sequence[str] | None = None,
     started: float | None = None,
@@ -100,7 +99,7 @@ def simulate(
         overwrite: Replace an existing run.
         resume: Go on with an unfinished run; a finished one is left as it is.
         observers: What else sees each state.
-        beside: Write in a process of its own, where there is a processor for it.
+        beside: Process that writes; default: states are written in the step itself.
         comm: MPI communicator.
         argv: Command line to record.
         started: `time.perf_counter()` at which the process began, for the timings.
@@ -132,15 +131,13 @@ def simulate(
         return Run(path)
     with Signals(comm) as signals, to_file(path, comm.rank == 0) as info["warnings"]:
         saved, lock = prepare(path, case, info, overwrite, resume, comm)
-        with lock, ExitStack() as stack:
-            beside = beside and comm.rank == 0 and len(os.sched_getaffinity(0)) > comm.size
-            begin_writing = stack.enter_context(Beside(lock)).open if beside else StepWriter
-            session = stack.enter_context(_Session(path, info, begin, comm))
+        with lock, _Session(path, info, begin, comm) as session:
             log.info("%s", shlex.join(info["argv"]))
             log.info("%s", ", ".join(f"{k} {v}" for k, v in info["versions"].items()))
             mesh_file = path / "mesh.msh" if saved is None else None
             simulation = Simulation(case, comm, mesh_file, saved)
-            recorder = Recorder(path, case, begin_writing)
+            writer = StepWriter if beside is None else partial(beside.open, lock=lock)
+            recorder = Recorder(path, case, writer)
             session.run(simulation, recorder, observers, signals)
     return Run(path)
 

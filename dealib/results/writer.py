@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from dealib.config.schema import Config
-from dealib.errors import PlatformError
 from dealib.results import paraview, store
 from dealib.results.checkpoint import CheckpointFolder
 from dealib.results.elements import Array
@@ -116,10 +115,3 @@ class StepWriter:
         if gather:
             self._states.close()
         return self.seconds + time.perf_counter() - begin
-
-
-def failure(error: BaseException) -> PlatformError:
-    """What a writer's failure is to the run."""
-    if isinstance(error, PlatformError):
-        return error
-    return PlatformError(f"writing results failed ({type(error).__name__}: {error})")
