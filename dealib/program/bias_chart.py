@@ -184,5 +184,5 @@ def _exact(
             raise NotConverged("it went to another equilibrium")
         return Equilibrium(volts, x, force, stiffness)
     except NotConverged as error:
-        log.warning("the equilibrium at %.5g mm is interpolated only: %s", u, error)
+        log.warning("the equilibrium at %.5g mm is interpolated only: %s", u, str(error))
         return Equilibrium(volts, u, float(curve(u)), stiffness)

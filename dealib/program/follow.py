@@ -181,7 +181,7 @@ class Branch:
                     self._system.ports[self.pair.port] = self.pair.control(p.point[0])
                     self._system.residual(self._system.q, self._system.residual_vector)
                     raise NotConverged(f"the branch ends, or turns too sharply ({error})") from None
-                log.info("step along the branch cut to %.3g: %s", p.step, error)
+                log.info("step along the branch cut to %.3g: %s", p.step, str(error))
 
     # --- states ----------------------------------------------------------------------------------
 
@@ -257,7 +257,7 @@ class Branch:
         try:
             turning(brentq(turning, 0.0, 1.0, xtol=_ACCURACY))
         except (NotConverged, ValueError) as error:
-            log.warning("a limit point was passed, but not found: %s", error)
+            log.warning("a limit point was passed, but not found: %s", str(error))
             q.copy(self._system.q)
             self._solve(kept, reached.step)
             return None
@@ -278,7 +278,7 @@ class Branch:
                 low, high = (share, high) if found.modes == p.modes else (low, share)
             found = self._solve(kept, high * reached.step, _between(kept, q, high))
         except NotConverged as error:
-            log.warning("a bifurcation was passed, but not found: %s", error)
+            log.warning("a bifurcation was passed, but not found: %s", str(error))
             q.copy(self._system.q)
             found = self._solve(kept, reached.step)
         return replace(found, kind=BIFURCATION)

@@ -115,7 +115,7 @@ class Increments:
                         smallest = min(smallest, 0.5**self.settings.max_cuts * place.size)
                     if place.size < smallest or place.size < _SMALLEST * targets[0]:
                         raise NotConverged(f"{explain(then)} ({error})") from None
-                    log.info("increment to %.6g cut to %.3g: %s", then, place.size, error)
+                    log.info("increment to %.6g cut to %.3g: %s", then, place.size, str(error))
                     continue
                 if too_far(then, step):
                     kept.copy(q)
@@ -156,6 +156,6 @@ class Increments:
                 self.newton.solve()
                 return
             except NotConverged as error:
-                log.debug("from the last state instead of the predicted one: %s", error)
+                log.debug("from the last state instead of the predicted one: %s", str(error))
                 kept.copy(q)
         self.newton.solve()
