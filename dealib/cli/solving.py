@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
@@ -39,8 +40,11 @@ def run(
     with ExitStack() as stack:
         # before dolfinx is imported, so that it is ready with the first state
         beside = stack.enter_context(Beside()) if Beside.useful() and not dry_run else None
+        gc.disable()  # modules come to stay: to look for garbage among them takes 0.1 s
         from dealib.cli.run import run_case
 
+        gc.freeze()
+        gc.enable()
         run_case(
             case,
             out,

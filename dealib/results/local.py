@@ -107,9 +107,12 @@ def second_pk(
         return np.asarray(a[..., None, None] * T)
 
     S = 2 * times(d.I1 * J ** (-2 / 3), one - times(trace / 3, C_inverse))
-    S += 2 * times(d.I2 * J ** (-4 / 3), times(trace, one) - C - times(2 / 3 * second, C_inverse))
-    along = np.diag([0.0, 0.0, 1.0])
-    S += 2 * times(d.hoop * J ** (-2 / 3), along - times(hoop / 3, C_inverse))
+    if np.any(d.I2):  # many laws do without
+        bend = times(trace, one) - C - times(2 / 3 * second, C_inverse)
+        S += 2 * times(d.I2 * J ** (-4 / 3), bend)
+    if np.any(d.hoop):
+        along = np.diag([0.0, 0.0, 1.0])
+        S += 2 * times(d.hoop * J ** (-2 / 3), along - times(hoop / 3, C_inverse))
     S += times((d.J if pressure is None else pressure) * J, C_inverse)
     return np.asarray(S * np.outer(stretch, stretch) / stretch.prod())
 
