@@ -14,6 +14,10 @@ _MUMPS: dict[str, Any] = {
     "mat_mumps_icntl_7": 5,  # METIS
     "mat_mumps_icntl_14": 60,  # room for pivoting, per cent
 }
+_DEFINITE: dict[str, Any] = {  # needs neither
+    "mat_mumps_icntl_8": 0,  # scaling
+    "mat_mumps_cntl_1": 0.0,  # pivoting
+}
 _BLOCKS: dict[str, Any] = {
     "ksp_type": "gmres",
     "ksp_rtol": 1e-7,  # takes Newton no more iterations
@@ -32,29 +36,48 @@ _INERTIA_OPTIONS: dict[str, Any] = {
 _PREFIX = "dealib_inertia_"
 
 
-def set_linear_solver(snes: Any, system: System, prefix: str, symmetric: bool) -> None:
+def set_linear_solver(snes: Any, system: System, symmetric: bool) -> None:
     """LDL^T, or LU if the body's tangent is not symmetric; with air by blocks.
 
     The air's mesh follows the body, which feels it only through the field in the air. So the
     tangent is nearly block triangular, and a sweep of Gauss-Seidel over the body with the field
     and then the air's mesh, each factorised for itself, is nearly its inverse.
+
+    Where the body is stable, its tangent is definite in the displacement and negative definite in
+    the potential. Such a matrix has an LDL^T in any order of its unknowns (R. J. Vanderbei, SIAM J.
+    Optim. 5 (1995) 100), so that pivots need not be sought. The mixed form has no such blocks, and
+    branches that are followed lead through unstable states.
     """
     problem = system.problem
     whole = problem.config.solver.linear == "lu"
-    symmetric = symmetric and problem.coupling.symmetric and not whole
-    body = _MUMPS | {"pc_type": "cholesky" if symmetric else "lu"}
+    kind, body = "lu", _MUMPS | {"pc_type": "lu"}
+    if symmetric and problem.coupling.symmetric and not whole:
+        kind, body = "ldl", _MUMPS | {"pc_type": "cholesky"}
+        followed = any(stage.follow is not None for stage in problem.config.program)
+        if problem.config.physics.formulation == "displacement" and not followed:
+            kind, body = "definite", body | _DEFINITE
     if whole or not problem.mesh_motion:
-        set_options(prefix, body)
+        _use(snes, f"dealib_{kind}_", body)
         return
-    set_options(prefix, _BLOCKS)
-    set_options(prefix + "fieldsplit_body_", body)
-    set_options(prefix + "fieldsplit_air_", _MUMPS | {"pc_type": "cholesky"})
+    air = _MUMPS | _DEFINITE | {"pc_type": "cholesky"}
+    blocks = {f"fieldsplit_body_{k}": v for k, v in body.items()}
+    blocks |= {f"fieldsplit_air_{k}": v for k, v in air.items()}
+    _use(snes, f"dealib_{kind}_air_", _BLOCKS | blocks)
     rows = system.map
-    air = PETSc.IS().createGeneral(rows.numbers("air mesh"), comm=rows.comm)
+    numbers = PETSc.IS().createGeneral(rows.numbers("air mesh"), comm=rows.comm)
     start, end = system.matrix.getOwnershipRange()
     pc = snes.getKSP().getPC()
     pc.setType("fieldsplit")
-    pc.setFieldSplitIS(("body", air.complement(start, end)), ("air", air))
+    pc.setFieldSplitIS(("body", numbers.complement(start, end)), ("air", numbers))
+
+
+def _use(snes: Any, prefix: str, options: dict[str, Any]) -> None:
+    """Give a solver options under a prefix that nothing with other options has.
+
+    PETSc keeps them for the process, and reads some only at the first factorisation.
+    """
+    set_options(prefix, options)
+    snes.setOptionsPrefix(prefix)
 
 
 def factorisation_seconds() -> float:

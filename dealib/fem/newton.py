@@ -22,7 +22,6 @@ from dealib.fem.system import System, Timings
 
 log = logging.getLogger(__name__)
 
-_PREFIX = "dealib_"
 _OPTIONS: dict[str, Any] = {"snes_type": "newtonls", "snes_linesearch_type": "basic"}
 _EXACT = 1e-12  # of a linear solution that nothing corrects afterwards
 _STEP = 1e-7  # negligible step: of the film's thickness, of 1 kV, of its shear modulus
@@ -86,15 +85,14 @@ class Newton:
         modulus = shear_modulus(problem.config.materials.film)
         # mm, kV, mm, MPa
         self._step_tolerance = _STEP * np.array([thickness, 1.0, thickness, modulus])
-        set_options(_PREFIX, _OPTIONS)
         self._snes = PETSc.SNES().create(problem.device.mesh.comm)
-        self._snes.setOptionsPrefix(_PREFIX)
         self._snes.setFunction(_weak(self._residual), self.system.residual_vector)
         self._snes.setJacobian(_weak(self._tangent), self.system.matrix)
         self._snes.setConvergenceTest(_weak(self._test))
         # `_test` alone decides; PETSc 3.25 would take a failed line search for a small step
         self._snes.setTolerances(stol=0.0, max_it=solver.max_iterations)
-        set_linear_solver(self._snes, self.system, _PREFIX, symmetric)
+        set_linear_solver(self._snes, self.system, symmetric)
+        set_options(self._snes.getOptionsPrefix(), _OPTIONS)
         self._snes.setFromOptions()
         self._factored = False
         self._logged = factorisation_seconds()
