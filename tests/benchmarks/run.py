@@ -31,7 +31,8 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = Path(__file__).with_name("results.json")
 PLAIN = ("solver.predictor_order=0", "solver.linear=lu")
-PHASES = ("import", "mesh", "forms", "matrix", "assembly", "factorisation", "output", "solve")
+PHASES = ("import", "mesh", "forms", "matrix", "assembly", "factorisation", "output", "solve", "writing")
+_REPEATED = ("quick", "strip", "strip_air", "deap100", "ranks")
 MARKS = ("<!-- benchmarks:begin -->", "<!-- benchmarks:end -->")
 
 
@@ -110,6 +111,7 @@ def commands(large: bool) -> Iterator[Command]:
         yield Command("sweep of 8", f"-j {jobs}", jobs=jobs)
     if large:
         yield Command("large", "256x", changes=finer(16))
+        yield Command("large", "256x, 2 ranks", changes=finer(16), ranks=2)
         yield Command("large", "64x in air", "benchmark_strip_air", finer(8, air=True))
 
 
@@ -165,7 +167,7 @@ def repeat(todo: list[Command], times: int) -> list[dict[str, Any]]:
     for group in dict.fromkeys(c.group for c in todo):
         members = [c for c in todo if c.group == group]
         runs: dict[str, list[dict[str, Any]]] = {c.variant: [] for c in members}
-        for _ in range(times if group in ("quick", "strip", "strip_air", "deap100") else 1):
+        for _ in range(times if group in _REPEATED else 1):
             for command in members:
                 runs[command.variant].append(measure(command))
                 print(f"{group} {command.variant}: {runs[command.variant][-1]['wall']:.2f} s")
@@ -229,7 +231,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Measure, print the table, write the JSON."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0] if __doc__ else None)
     parser.add_argument("--only", nargs="+", metavar="GROUP", help="these groups only")
-    parser.add_argument("--repeat", type=int, default=5, help="repetitions of the three programs")
+    parser.add_argument("--repeat", type=int, default=5, help="repetitions of the programs and of the ranks")
     parser.add_argument("--quick", action="store_true", help="a tiny device, to see that it works")
     parser.add_argument("--large", action="store_true", help="also the largest meshes")
     parser.add_argument("--out", type=Path, default=RESULTS, help="JSON")
