@@ -8,6 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from watch import At
 
 import dealib
 from dealib.errors import ConfigError, PlatformError
@@ -18,23 +19,6 @@ from dealib.results.beside import Beside
 from dealib.results.lock import Lock
 
 HERE = Path(__file__).parent
-
-
-class Watch:
-    """Does something at a step."""
-
-    def __init__(self, step, action):
-        self.step, self.action = step, action
-
-    def start(self, simulation):
-        pass
-
-    def see(self, state):
-        if state.row["step"] == self.step:
-            self.action()
-
-    def stop(self, error):
-        pass
 
 
 def contents(path):
@@ -75,7 +59,7 @@ def test_it_writes_the_same(tmp_path, name):
 def test_its_death_is_reported_and_the_run_goes_on_from_there(tmp_path):
     case = dealib.load(HERE / "small.yaml")
     with Beside() as beside:
-        kill = Watch(9, lambda: os.kill(beside._process.pid, signal.SIGKILL))
+        kill = At(9, lambda: os.kill(beside._process.pid, signal.SIGKILL))
         with pytest.raises(PlatformError, match="the process that writes results died"):
             dealib.simulate(case, tmp_path / "run", beside=beside, observers=[kill])
     stopped = dealib.open(tmp_path / "run")
@@ -91,7 +75,7 @@ def test_its_failure_is_the_runs(tmp_path):
     case = dealib.load(HERE / "small.yaml")
     fields = tmp_path / "run" / store.FIELD_DATA
     with Beside() as beside:
-        away = Watch(6, lambda: fields.rename(tmp_path / "away"))
+        away = At(6, lambda: fields.rename(tmp_path / "away"))
         with pytest.raises(PlatformError, match=r"cannot write .*No such file or directory"):
             dealib.simulate(case, tmp_path / "run", beside=beside, observers=[away])
     assert dealib.open(tmp_path / "run").status == "failed"
@@ -115,7 +99,7 @@ def test_a_killed_runs_records_are_written_before_the_directory_is_free(tmp_path
         raise Vanished
 
     monkeypatch.setattr(program_run.Recorder, "stop", lambda self, error: None)
-    watches = [Watch(1, hang), Watch(3, vanish)]
+    watches = [At(1, hang), At(3, vanish)]
     with pytest.raises(Vanished):
         dealib.simulate(case, path, beside=beside, observers=watches)
     with pytest.raises(ConfigError, match="another run is writing there"):

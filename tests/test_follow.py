@@ -11,6 +11,7 @@ from scipy.optimize import minimize_scalar
 from typer.testing import CliRunner
 from verification import free_block as block
 from verification.branches import follow_block
+from watch import At
 
 import dealib
 from dealib.cli.app import app
@@ -127,25 +128,13 @@ def test_resume_anywhere_on_a_branch(tmp_path):
     folds = limits(whole.history)["step"].tolist()
     assert len(folds) == 2
 
-    class Stop:
-        def __init__(self, step):
-            self.step = step
-
-        def start(self, simulation):
-            pass
-
-        def see(self, state):
-            if state.row["step"] == self.step:
-                raise KeyboardInterrupt
-
-        def stop(self, error):
-            pass
-
     begin = int(whole.history.query("stage == 'branch'")["step"].iloc[0])
     for step in (begin - 1, begin, begin + 1, folds[0] - 1, folds[0], folds[0] + 1, folds[1]):
         directory = tmp_path / f"at{step}"
         with pytest.raises(KeyboardInterrupt):
-            dealib.simulate(case("snap_through", **SMALL), directory, observers=[Stop(step)])
+            dealib.simulate(
+                case("snap_through", **SMALL), directory, observers=[At(step, KeyboardInterrupt())]
+            )
         again = dealib.simulate(case("snap_through", **SMALL), directory, resume=True)
         for column in whole.history.columns.drop(["stage", "newton_iterations"]):
             expected = whole.history[column].to_numpy()

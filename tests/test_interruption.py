@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
+from watch import At
 
 import dealib
 from dealib.errors import ConfigError, PlatformError
@@ -271,18 +272,8 @@ def test_second_signal_stops_at_once(tmp_path):
 
 
 def test_usr1_checkpoints_and_goes_on(tmp_path, whole):
-    class Ask:
-        def start(self, simulation):
-            pass
-
-        def see(self, state):
-            if state.row["step"] == 5:
-                os.kill(os.getpid(), signal.SIGUSR1)
-
-        def stop(self, error):
-            pass
-
-    run = dealib.simulate(small(), tmp_path / "run", observers=[Ask()])
+    ask = At(5, lambda: os.kill(os.getpid(), signal.SIGUSR1))
+    run = dealib.simulate(small(), tmp_path / "run", observers=[ask])
     assert run.status == "done"
     assert_same_history(run, whole[0])
     log = (run.directory / "run.log").read_text()
@@ -320,20 +311,9 @@ def test_signal_under_mpirun(tmp_path, whole, sent):
 @pytest.fixture
 def stopped(tmp_path):
     """A run that stopped after step 6."""
-
-    class Stop:
-        def start(self, simulation):
-            pass
-
-        def see(self, state):
-            if state.row["step"] == 6:
-                os.kill(os.getpid(), signal.SIGTERM)
-
-        def stop(self, error):
-            pass
-
+    stop = At(6, lambda: os.kill(os.getpid(), signal.SIGTERM))
     with pytest.raises(dealib.DealibError, match="stopped by SIGTERM") as caught:
-        dealib.simulate(small(), tmp_path / "run", observers=[Stop()])
+        dealib.simulate(small(), tmp_path / "run", observers=[stop])
     assert caught.value.exit_code == 143
     return tmp_path / "run"
 

@@ -8,6 +8,7 @@ import pytest
 from conftest import CONFIGS, case, history
 from scipy.optimize import minimize_scalar
 from typer.testing import CliRunner
+from watch import At
 
 import dealib
 from dealib.cli.app import app
@@ -294,19 +295,8 @@ def test_resume_after_a_stage_that_was_ended(tmp_path):
     whole = dealib.simulate(given, tmp_path / "whole")
     assert whole.history["stage"].tolist()[-4:] == ["actuate", "back", "back", "back"]
 
-    class Stop:
-        def start(self, simulation):
-            pass
-
-        def see(self, state):
-            if state.row["step"] == 14:
-                raise dealib.DealibError("enough")
-
-        def stop(self, error):
-            pass
-
     with pytest.raises(dealib.DealibError, match="enough"):
-        dealib.simulate(given, tmp_path / "part", observers=[Stop()])
+        dealib.simulate(given, tmp_path / "part", observers=[At(14, dealib.DealibError("enough"))])
     part = dealib.simulate(given, tmp_path / "part", resume=True)
     for column in ("time_s", "voltage_kV", "force_N", "wrinkling_use"):
         assert part.history[column].to_numpy() == pytest.approx(whole.history[column], rel=1e-10)

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from conftest import CONFIGS, case
+from watch import At
 
 import dealib
 from dealib.errors import ConfigError, Interrupted
@@ -142,26 +143,12 @@ def test_outside_and_absent_tables_are_explained(made, tmp_path):
         tables_case(case("membrane"))
 
 
-class Stop:
-    """An observer that stops a run as a signal would."""
-
-    def start(self, simulation):
-        pass
-
-    def see(self, state):
-        if state.row["step"] == 7:
-            raise Interrupted("enough", 15, True)
-
-    def stop(self, error):
-        pass
-
-
 def test_command_goes_on_where_it_was_stopped(tmp_path):
     given = case("tables", **SMALL | {"tables__points": "[4, 3]"})
     whole = collect(dealib.simulate(tables_case(given), tmp_path / "whole"))
     out = tmp_path / "tables"
     with pytest.raises(Interrupted):
-        dealib.simulate(tables_case(given), out, observers=[Stop()])
+        dealib.simulate(tables_case(given), out, observers=[At(7, Interrupted("enough", 15, True))])
     with pytest.raises(ConfigError, match="6 of 12 nodes are not solved"):
         collect(dealib.open(out))
     changes = SMALL | {"tables__points": "[4, 3]"}

@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 from test_parallel import SCRIPT, finish, start
 from verification import viscous
+from watch import At
 
 import dealib
 from dealib.__main__ import main
@@ -293,27 +294,6 @@ def test_two_ranks_agree(run, tmp_path):
 # --- results -------------------------------------------------------------------------------------
 
 
-class Enough(Exception):
-    pass
-
-
-class Stop:
-    """Ends a run after a step."""
-
-    def __init__(self, step):
-        self.step = step
-
-    def start(self, simulation):
-        pass
-
-    def see(self, state):
-        if state.row["step"] == self.step:
-            raise Enough
-
-    def stop(self, error):
-        pass
-
-
 def assert_same(resumed, run, within=1e-10):
     assert len(resumed.history) == len(run.history)
     for name in run.history.columns.drop(["stage", "newton_iterations"]):
@@ -326,15 +306,15 @@ def assert_same(resumed, run, within=1e-10):
 
 @pytest.mark.parametrize("stop", [3, 10, 17])
 def test_resume_goes_on_as_if_never_stopped(run, tmp_path, stop):
-    with pytest.raises(Enough):
-        dealib.simulate(case(), tmp_path / "run", observers=[Stop(stop)])
+    with pytest.raises(KeyboardInterrupt):
+        dealib.simulate(case(), tmp_path / "run", observers=[At(stop, KeyboardInterrupt())])
     assert_same(dealib.simulate(case(), tmp_path / "run", resume=True), run)
 
 
 @pytest.mark.mpi
 def test_resume_on_two_ranks(run, tmp_path):
-    with pytest.raises(Enough):
-        dealib.simulate(case(), tmp_path / "run", observers=[Stop(7)])
+    with pytest.raises(KeyboardInterrupt):
+        dealib.simulate(case(), tmp_path / "run", observers=[At(7, KeyboardInterrupt())])
     code, errors = finish(
         start(2, "-m", "dealib", "run", FILE, "--out", tmp_path / "run", "--resume")
     )

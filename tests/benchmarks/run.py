@@ -31,7 +31,17 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = Path(__file__).with_name("results.json")
 PLAIN = ("solver.predictor_order=0", "solver.linear=lu")
-PHASES = ("import", "mesh", "forms", "matrix", "assembly", "factorisation", "output", "solve", "writing")
+PHASES = (
+    "import",
+    "mesh",
+    "forms",
+    "matrix",
+    "assembly",
+    "factorisation",
+    "output",
+    "solve",
+    "writing",
+)
 _REPEATED = ("quick", "strip", "strip_air", "deap100", "ranks")
 MARKS = ("<!-- benchmarks:begin -->", "<!-- benchmarks:end -->")
 
@@ -231,7 +241,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Measure, print the table, write the JSON."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0] if __doc__ else None)
     parser.add_argument("--only", nargs="+", metavar="GROUP", help="these groups only")
-    parser.add_argument("--repeat", type=int, default=5, help="repetitions of the programs and of the ranks")
+    parser.add_argument("--repeat", type=int, default=5, help="repetitions of what varies")
     parser.add_argument("--quick", action="store_true", help="a tiny device, to see that it works")
     parser.add_argument("--large", action="store_true", help="also the largest meshes")
     parser.add_argument("--out", type=Path, default=RESULTS, help="JSON")
