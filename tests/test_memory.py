@@ -1,6 +1,8 @@
 """A simulation that is dropped leaves nothing behind: MPI's communicators are few."""
 
 import gc
+import subprocess
+import sys
 import weakref
 from itertools import islice
 from pathlib import Path
@@ -45,3 +47,36 @@ def test_a_dropped_simulation_is_freed_at_once(config, changes):
         assert {name for name, found in watched.items() if found() is not None} == set()
     finally:
         gc.enable()
+
+
+GROWTH = """
+import sys
+import psutil, dealib
+from dealib.program import Simulation
+
+config, changes, repeats, states = sys.argv[1], sys.argv[2].split(";"), *map(int, sys.argv[3:])
+used, process = [], psutil.Process()
+for _ in range(repeats):
+    for count, state in enumerate(Simulation(dealib.load(config, set=changes)), start=1):
+        used.append(process.memory_info().rss / 1e6)
+        if count == states:
+            break
+print(*used)
+"""
+
+
+@pytest.mark.parametrize(
+    ("config", "changes", "repeats", "states"),
+    [
+        ("benchmark_strip_air.yaml", "mesh.columns=30", 8, 2),
+        ("snap_through.yaml", "mesh.columns=30", 1, 40),
+    ],
+    ids=["simulations", "steps"],
+)
+def test_memory_does_not_grow(config, changes, repeats, states):
+    """PETSc's objects are destroyed, not kept for the end of the process."""
+    line = [sys.executable, "-c", GROWTH, str(CONFIGS / config), changes, str(repeats), str(states)]
+    output = subprocess.run(line, capture_output=True, text=True, check=True).stdout
+    used = [float(word) for word in output.split()]
+    assert len(used) == repeats * states
+    assert max(used[len(used) // 2 :]) - used[len(used) // 2 - 1] < 4

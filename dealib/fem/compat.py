@@ -41,7 +41,6 @@ import numpy.typing as npt  # noqa: E402
 import ufl  # noqa: E402
 from dolfinx import fem  # noqa: E402
 from dolfinx import mesh as _mesh  # noqa: E402
-from dolfinx.fem import petsc as _petsc  # noqa: E402
 
 from dealib.errors import PlatformError  # noqa: E402
 
@@ -208,17 +207,23 @@ def evaluate(compiled: Any, mesh: Any, cells: npt.NDArray[np.int32], points: int
     return np.asarray(values).reshape(len(cells), points, -1)
 
 
-def petsc_vec(u: Any) -> Any:
-    """The PETSc vector that shares memory with a function."""
-    return u.vector if LEGACY else u.x.petsc_vec
+def create_vector(space: Any, comm: Any) -> Any:
+    """A ghosted PETSc vector with the layout of a space, on a communicator that outlives it."""
+    index_map, size = space.dofmap.index_map, space.dofmap.index_map_bs
+    sizes = (size * index_map.size_local, size * index_map.size_global)
+    ghosts = np.asarray(index_map.ghosts, dtype=PETSc.IntType)
+    return PETSc.Vec().createGhost(ghosts, sizes, size, comm=comm)
 
 
-def create_vector(linear_form: Any) -> Any:
-    """A ghosted PETSc vector with the layout of a compiled linear form."""
-    try:
-        return _petsc.create_vector(linear_form)  # up to 0.9
-    except (AttributeError, TypeError):
-        return _petsc.create_vector(linear_form.function_spaces[0])  # from 0.10
+def free(comm: Any) -> None:
+    """Destroy the PETSc objects that Python has dropped on all ranks (collective).
+
+    petsc4py leaves them until somebody asks, since collectors run at different times on the ranks.
+
+    Args:
+        comm: Communicator that the objects were made with, or what it was copied from.
+    """
+    PETSc.garbage_cleanup(comm)
 
 
 def local_cells(mesh: Any) -> int:

@@ -103,7 +103,7 @@ class ConstraintMap:
 
 def build(device: Device, spaces: Spaces, supports: list[Support]) -> ConstraintMap:
     """Number the reduced unknowns of a device."""
-    W, comm = spaces.W, device.mesh.comm
+    W, comm = spaces.W, device.comm
     index_map = W.dofmap.index_map
     owned, total = index_map.size_local, index_map.size_local + index_map.num_ghosts
 

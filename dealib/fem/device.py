@@ -43,17 +43,20 @@ class Device:
         cell_tags: Region tags.
         facet_tags: Boundary tags.
         groups: {name: (dim, tag)}.
+        comm: The caller's communicator. The mesh has a copy, which ends with it; what PETSc is to
+            free later (`compat.free`) needs one that lasts.
     """
 
     mesh: Any
     cell_tags: Any
     facet_tags: Any
     groups: dict[str, tuple[int, int]]
+    comm: Any
 
     @classmethod
     def from_gmsh(cls, model: Any, comm: MPI.Comm) -> Device:
         """Distribute a meshed Gmsh model from rank 0 (None elsewhere)."""
-        device = cls(*compat.from_gmsh(model, comm))
+        device = cls(*compat.from_gmsh(model, comm), comm)
         for dim in (1, 2):
             device.mesh.topology.create_connectivity(dim, 2)
         return device

@@ -14,7 +14,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from dealib.errors import NotConverged
-from dealib.fem.compat import DIVERGED_NAN
+from dealib.fem.compat import DIVERGED_NAN, free
 from dealib.fem.constraints import FIELDS
 from dealib.fem.linear import factorisation_seconds, inertia, set_linear_solver, set_options
 from dealib.fem.problem import Problem, shear_modulus
@@ -75,6 +75,7 @@ class Newton:
     """
 
     def __init__(self, problem: Problem, timings: Timings, symmetric: bool = True) -> None:
+        free(problem.device.comm)  # what earlier simulations left
         self.system = System(problem, timings)
         self.timings = timings
         self.iterations = self.linear_iterations = self.total = 0
@@ -85,7 +86,7 @@ class Newton:
         modulus = shear_modulus(problem.config.materials.film)
         # mm, kV, mm, MPa
         self._step_tolerance = _STEP * np.array([thickness, 1.0, thickness, modulus])
-        self._snes = PETSc.SNES().create(problem.device.mesh.comm)
+        self._snes = PETSc.SNES().create(problem.device.comm)
         self._snes.setFunction(_weak(self._residual), self.system.residual_vector)
         self._snes.setJacobian(_weak(self._tangent), self.system.matrix)
         self._snes.setConvergenceTest(_weak(self._test))
@@ -104,6 +105,7 @@ class Newton:
         Raises:
             NotConverged: With the reason; q is then meaningless.
         """
+        free(self.system.map.comm)
         self._snes.solve(None, self.system.q)
         self.iterations = self._snes.getIterationNumber()
         self.linear_iterations = self._snes.getLinearSolveIterations()

@@ -109,7 +109,7 @@ class System:
             assembled = (name for part in self._parts for name in part[:2])
             for name in ("elastic", "electric", *assembled):
                 problem.form(name)
-            self._local = compat.create_vector(problem.form("residual"))
+            self._local = compat.create_vector(problem.spaces.W, self.map.comm)
         self._columns = self.map.lgmap(self.map.columns)
         self._rows = [self.map.lgmap(rows) for _, _, rows in self._parts]
         with timings("matrix"):
