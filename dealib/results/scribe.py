@@ -37,12 +37,11 @@ def main(file: int) -> None:
 
 
 def _receive(inputs: IO[bytes], messages: queue.Queue[Any]) -> None:
-    while True:
-        try:
+    # the run has ended, or was killed in the middle of a message, which then can fail in any way
+    with suppress(Exception):
+        while True:
             messages.put(pickle.load(inputs))
-        except (EOFError, OSError, pickle.UnpicklingError):  # the run has ended, or was killed
-            messages.put(None)
-            return
+    messages.put(None)
 
 
 def _write(messages: queue.Queue[Any], answers: IO[bytes]) -> None:
