@@ -3,6 +3,8 @@
 import os
 import signal
 import socket
+import threading
+import time
 from pathlib import Path
 
 import h5py
@@ -110,6 +112,48 @@ def test_a_killed_runs_records_are_written_before_the_directory_is_free(tmp_path
         assert len(dealib.open(path).history) == 4
         assert dealib.open(path).stored_steps == [0, 1, 2, 3]
     beside.__exit__(None, None, None)
+
+
+def test_signals_are_the_runs_alone(tmp_path):
+    """As from a batch system, which signals all processes of a job."""
+    case = dealib.load(HERE / "small.yaml")
+    with Beside() as beside:
+
+        def stop():
+            for number in (signal.SIGUSR1, signal.SIGHUP, signal.SIGTERM):
+                os.kill(beside._process.pid, number)
+            os.kill(os.getpid(), signal.SIGTERM)
+
+        with pytest.raises(dealib.DealibError, match="stopped by SIGTERM"):
+            dealib.simulate(case, tmp_path / "run", beside=beside, observers=[At(7, stop)])
+    run = dealib.open(tmp_path / "run")
+    assert run.status == "interrupted"
+    assert len(run.history) == 8
+    assert run.stored_steps == list(range(8))
+
+
+def test_a_message_that_cannot_be_read_is_reported(tmp_path):
+    case = dealib.load(HERE / "small.yaml")
+    with Beside() as beside:
+        broken = At(5, lambda: beside._stream.write(b"no pickle" * 10))
+        with pytest.raises(PlatformError, match="writing results failed"):
+            dealib.simulate(case, tmp_path / "run", beside=beside, observers=[broken])
+
+
+def test_a_lock_is_that_of_the_directory_which_is_there_now(tmp_path):
+    path = tmp_path / "run"
+    path.mkdir()
+    first = Lock(path)
+    taken = []
+    waiting = threading.Thread(target=lambda: taken.append(Lock(path, patience=20)))
+    waiting.start()
+    path.rename(tmp_path / "old")
+    path.mkdir()
+    with first:
+        time.sleep(0.1)
+    waiting.join()
+    assert os.path.samestat(os.fstat(taken[0].descriptors[0]), path.stat())
+    taken[0].__exit__()
 
 
 def test_a_directory_in_use_is_not_taken(tmp_path, monkeypatch):

@@ -20,6 +20,7 @@ import dealib
 from dealib.errors import ConfigError, PlatformError
 from dealib.program import run as program_run
 from dealib.results import files, store
+from dealib.results.lock import Lock
 
 SMALL = Path(__file__).parent / "small.yaml"
 STEPS = 24
@@ -300,6 +301,7 @@ def test_signal_under_mpirun(tmp_path, whole, sent):
     assert run.status == "interrupted"
     resumed = dealib.simulate(small(), directory, resume=True)  # on one rank
     assert resumed.info["steps"] == STEPS
+    assert f"--out {directory} --resume --mpi 2" in errors
     a, b = resumed.history, whole[0].history
     for name in a.columns.drop("stage"):
         np.testing.assert_allclose(a[name], b[name], rtol=0, atol=1e-8 * b[name].abs().max())
@@ -357,7 +359,10 @@ def test_resume_refuses_damage_and_what_goes_on_elsewhere(stopped, tmp_path):
         dealib.simulate(small(), tmp_path / "nowhere", resume=True)
     info = dealib.open(stopped).info
     (stopped / "run.json").write_text(json.dumps(info | {"status": "running", "pid": os.getppid()}))
-    with pytest.raises(ConfigError, match=f"still going on \\(process {os.getppid()}"):
+    with (
+        Lock(stopped),
+        pytest.raises(ConfigError, match=f"still going on \\(process {os.getppid()}"),
+    ):
         dealib.simulate(small(), stopped, resume=True)
     (stopped / "run.json").write_text(json.dumps(info))
     (stopped / "checkpoint/state_00006.npy").write_bytes(b"no array")
@@ -365,10 +370,39 @@ def test_resume_refuses_damage_and_what_goes_on_elsewhere(stopped, tmp_path):
         dealib.simulate(small(), stopped, resume=True)
 
 
-def test_resuming_a_finished_run_changes_nothing(whole):
+def test_a_killed_run_whose_process_number_lives_on_is_resumed(stopped, whole):
+    info = dealib.open(stopped).info | {"status": "running", "pid": os.getppid()}
+    (stopped / "run.json").write_text(json.dumps(info))
+    assert dealib.open(stopped).status == "running"
+    assert_same_history(dealib.simulate(small(), stopped, resume=True), whole[0])
+
+
+@pytest.mark.parametrize("name", [store.HISTORY, store.STATES, "config.resolved.yaml"])
+def test_resume_says_what_a_damaged_run_lacks(stopped, name):
+    (stopped / name).unlink()
+    with pytest.raises(ConfigError, match=f"cannot resume, {name} .*start anew with --overwrite"):
+        dealib.simulate(small(), stopped, resume=True)
+    (stopped / "run.json").write_text("{")
+    (stopped / "mine.txt").write_text("kept")
+    again = dealib.simulate(small("program=[{stage: prestrain}]"), stopped, overwrite=True)
+    assert again.status == "done"
+    assert len(again.history) == len(again.stored_steps) == 1
+    assert (stopped / "mine.txt").read_text() == "kept"
+
+
+def test_resume_of_a_finished_run_of_another_config_is_refused(whole):
+    run, _ = whole
+    before = (run.directory / store.HISTORY).read_bytes()
+    with pytest.raises(ConfigError, match=r"outer_radius: was 12\.0 mm, is 13\.0 mm"):
+        dealib.simulate(small("geometry.outer_radius=13 mm"), run.directory, resume=True)
+    assert (run.directory / store.HISTORY).read_bytes() == before
+
+
+def test_resuming_a_finished_run_changes_nothing(whole, caplog):
     run, _ = whole
     before = {p: p.stat().st_mtime_ns for p in run.directory.rglob("*")}
     again = dealib.simulate(small(), run.directory, resume=True)
+    assert "this run is finished; it is left as it is" in caplog.text
     assert_same_history(again, run)
     assert {p: p.stat().st_mtime_ns for p in run.directory.rglob("*")} == before
 

@@ -230,6 +230,15 @@ def test_an_existing_run_is_told_once(serial, configs):
     assert errors.count("exists and is not empty") == errors.count("dealib: ") == 1
 
 
+def test_more_ranks_than_cells_are_refused(tmp_path):
+    push = "[{stage: push, mount: {displacement: -1 mm}, steps: 1}]"
+    changes = {"mesh.columns": 4, "mesh.film_rows": 1, "program": push}
+    config = write(tmp_path, "tiny", "benchmark_strip", changes)
+    code, errors = finish(start(16, "-m", "dealib", "run", config, "--out", tmp_path / "run"))
+    assert code == 2
+    assert errors.count("16 ranks are too many for 12 cells, some get none; use fewer") == 1
+
+
 def test_not_converged_on_all_ranks(tmp_path):
     config = write(tmp_path, "hopeless", "benchmark_strip", HOPELESS)
     code, errors = finish(start(2, "-m", "dealib", "run", config, "--out", tmp_path / "run"))

@@ -1,7 +1,9 @@
 """The run directory: everything is there, readable without dolfinx, and true."""
 
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 from mpi4py import MPI
 
@@ -143,6 +145,23 @@ def test_layout_scatter_is_the_inverse_of_gather():
     w.x.array[:] = 0
     layout.scatter(nodal)
     assert np.array_equal(w.x.array, before)
+
+
+def test_a_run_is_read_without_the_mesh_file_it_came_from(tmp_path, monkeypatch):
+    (tmp_path / "meshes").mkdir()
+    (tmp_path / "configs").mkdir()
+    mesh, config = tmp_path / "meshes/strips_air.msh", tmp_path / "configs/own.yaml"
+    shutil.copy(CONFIGS.parent / "meshes" / mesh.name, mesh)
+    short = (CONFIGS / "own_mesh.yaml").read_text().split("program:")[0]
+    config.write_text(short + "program: [{stage: prestrain}]\n")
+    monkeypatch.chdir(tmp_path)
+    run = dealib.simulate(config, "run")
+    mesh.unlink()
+    monkeypatch.chdir("/")
+    again = dealib.open(tmp_path / run.directory)
+    assert again.fields(-1).n_points == len(again.mesh.points)
+    assert not Path(again.config.mesh.file).exists()
+    assert repr(again) == f"<Run {tmp_path / 'run'}: done>"
 
 
 def test_reading_needs_no_dolfinx(strip_run):

@@ -66,6 +66,8 @@ def resume_command(run: Run) -> str:
     overrides = [part for assignment in info["set"] for part in ("--set", assignment)]
     command = "export" if "export" in info["argv"][1:2] else "run"
     words = ["dealib", command, info["config"], *overrides, "--out", str(run.directory), "--resume"]
+    if info["ranks"] > 1:
+        words += ["--mpi", str(info["ranks"])]
     return shlex.join(words)
 
 

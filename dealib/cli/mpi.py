@@ -23,6 +23,7 @@ _OPEN_MPI = {
     "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
     "OMPI_MCA_rmaps_base_oversubscribe": "1",
     "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+    "OMPI_MCA_orte_execute_quiet": "1",  # dealib says itself why it ends
 }
 # What Open MPI leaves to the children of a Python that has started it, such as a notebook's.
 _LEFT_BEHIND = ("PMIX_", "PMI_", "ORTE_", "OMPI_MCA_ess", "OMPI_MCA_orte", "OMPI_MCA_pmix")
@@ -74,6 +75,8 @@ def _ranks(mpirun: int) -> list[psutil.Process]:
 def environment() -> dict[str, str]:
     """Environment in which mpirun starts whatever this process is."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith(_LEFT_BEHIND)}
+    if not sys.stdout.isatty():  # mpirun gives its ranks a terminal of its own
+        kept["TTY_COMPATIBLE"] = "0"
     return kept | _OPEN_MPI
 
 

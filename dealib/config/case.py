@@ -60,6 +60,15 @@ def load(path: str | Path, set: Mapping[str, Any] | Iterable[str] | None = None)
     return Case(config, source.text, source.path, tuple(pairs))
 
 
+def read(path: Path) -> Config:
+    """A config that was resolved before; its files need not be there any more.
+
+    Raises:
+        ConfigError: If it is none.
+    """
+    return validate(Config, Source(path))
+
+
 def resolved(config: Config) -> str:
     """The config with all defaults, as YAML that reads back as the same config."""
     out = io.StringIO()

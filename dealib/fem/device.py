@@ -15,7 +15,7 @@ from dolfinx import fem
 from dolfinx import mesh as dmesh
 
 from dealib.config.schema import Config
-from dealib.errors import DealibError
+from dealib.errors import ConfigError, DealibError
 from dealib.fem import compat
 from dealib.geometry import names
 from dealib.geometry.model import gmsh_model
@@ -155,6 +155,11 @@ def build_device(config: Config, comm: MPI.Comm, save: Path | None = None) -> De
     if error is not None:
         raise error
     assert result is not None
+    cells = comm.allgather(compat.local_cells(result.mesh))
+    if min(cells) == 0:
+        raise ConfigError(
+            f"{comm.size} ranks are too many for {sum(cells)} cells, some get none; use fewer"
+        )
     return result
 
 

@@ -11,6 +11,7 @@ from typing import Any
 from mpi4py import MPI
 
 from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
 
 from dealib.config.case import Case, resolved
 from dealib.errors import ConfigError, DealibError, PlatformError
@@ -25,6 +26,12 @@ from dealib.results.reader import Run
 # what a resumed run may change: nothing of it enters the equations (a mesh file is compared by
 # its mesh, not by its path)
 _FREE = ("name", "description", "output.", "solver.", "mesh.file", "tables.")
+# what runs, pictures and reports leave in their directory
+_OURS = (
+    *("run.json", "run.log", "config.yaml", "config.resolved.yaml", "mesh.msh", "history.csv"),
+    *("results.h5", "states", "fields.xdmf", "fields", "checkpoint", "view_in_paraview.py"),
+    *("plots", "report.html", "*.tmp"),
+)
 _PATIENCE = 20.0  # s, for the writer of a run that was just killed; it needs less
 
 
@@ -56,12 +63,10 @@ def prepare(
             if case.config.mesh.file is not None:  # before anything is overwritten
                 model.check(case.config)
             if resume:
-                _may_resume(path)
-                lock = Lock(path, _PATIENCE)
+                lock = _held(path)
                 saved = _take_up(path, case, info)
             else:
-                _make(path, overwrite)
-                lock = Lock(path)
+                lock = _make(path, overwrite)
             store.write_info(path, info)
             write_text(path / "config.yaml", case.text)
             write_text(path / "config.resolved.yaml", resolved(case.config))
@@ -78,7 +83,29 @@ def prepare(
     return saved, lock
 
 
-def _make(path: Path, overwrite: bool) -> None:
+def finished(path: Path, case: Case, comm: MPI.Comm) -> bool:
+    """Whether a run is done, so that there is nothing to resume (collective).
+
+    Raises:
+        ConfigError: On every rank, if it is another config's.
+    """
+    found: bool | ConfigError = False
+    if comm.rank == 0:
+        try:
+            found = (path / store.INFO).is_file() and Run(path).status == "done"
+            if found:
+                _refuse_changes(path, case)
+                LOGGER.warning("%s: this run is finished; it is left as it is", path)
+        except ConfigError as error:
+            found = error
+    found = comm.bcast(found, root=0)
+    if isinstance(found, ConfigError):
+        raise found
+    return found
+
+
+def _make(path: Path, overwrite: bool) -> Lock:
+    """A directory for a new run; of an old one, what is not dealib's is kept."""
     used = path.exists() and (not path.is_dir() or any(f.suffix != ".tmp" for f in path.iterdir()))
     if used:
         if not overwrite:
@@ -89,27 +116,45 @@ def _make(path: Path, overwrite: bool) -> None:
         if not (path / store.INFO).is_file():
             raise ConfigError(f"{path} is no run directory of dealib; it is not overwritten")
     try:
-        if used:
-            with Lock(path, 0 if Run(path).status == "running" else _PATIENCE):
-                shutil.rmtree(path)
         path.mkdir(parents=True, exist_ok=True)
+        lock = Lock(path, 0 if _status(path) == "running" else _PATIENCE)
+        for name in _OURS:
+            for found in path.glob(name):
+                shutil.rmtree(found) if found.is_dir() else found.unlink()
     except OSError as error:
         raise PlatformError(f"cannot make {path}: {error.strerror}") from None
     if not os.access(path, os.W_OK):
         raise PlatformError(f"cannot write into {path}: permission denied")
+    return lock
 
 
-def _may_resume(path: Path) -> None:
+def _held(path: Path) -> Lock:
+    """The lock of a run that may be resumed."""
     if not path.is_dir():
         raise ConfigError(f"{path}: nothing to resume, there is no such run; run it without it")
     if not (path / store.INFO).is_file():
-        _make(path, overwrite=False)  # killed before it began
-        return
+        return _make(path, overwrite=False)  # killed before it began
     run = Run(path)
-    if run.status == "running":
-        raise ConfigError(
-            f"{path}: this run is still going on (process {run.info['pid']} on {run.info['host']})"
-        )
+    running = run.status == "running"
+    try:
+        lock = Lock(path, 0 if running else _PATIENCE)
+        if lock.sure or not running:  # the process may be another one by now
+            return lock
+        lock.__exit__()
+    except ConfigError:
+        if not running:
+            raise
+    raise ConfigError(
+        f"{path}: this run is still going on (process {run.info['pid']} on {run.info['host']})"
+    )
+
+
+def _status(path: Path) -> str:
+    """Of the run in a directory; empty if there is none that can be read."""
+    try:
+        return Run(path).status
+    except (ConfigError, KeyError):
+        return ""
 
 
 def _take_up(path: Path, case: Case, info: dict[str, Any]) -> Checkpoint | None:
@@ -120,13 +165,12 @@ def _take_up(path: Path, case: Case, info: dict[str, Any]) -> Checkpoint | None:
     saved = CheckpointFolder(path).read()
     if saved is None:
         return None  # killed before anything converged
-    changes = _changes(path / "config.resolved.yaml", case)
-    if changes:
+    _refuse_changes(path, case)
+    lacking = [n for n in (store.HISTORY, store.STATES) if not (path / n).is_file()]
+    if lacking:
         raise ConfigError(
-            f"{path}: cannot resume, the config has changed since:\n  "
-            + "\n  ".join(changes)
-            + "\nOnly name, description, output, solver and mesh.file may change; "
-            "undo the changes, or start anew with --overwrite or another --out"
+            f"{path}: cannot resume, {' and '.join(lacking)} is missing; start anew with "
+            "--overwrite"
         )
     rows = (path / store.HISTORY).read_text(encoding="utf-8").count("\n") - 2
     if rows < saved.step:
@@ -142,6 +186,26 @@ def _take_up(path: Path, case: Case, info: dict[str, Any]) -> Checkpoint | None:
     session = {k: old[k] for k in keys if k in old} | {"status": run.status}
     info["earlier_sessions"] = [*old.get("earlier_sessions", []), session]
     return saved
+
+
+def _refuse_changes(path: Path, case: Case) -> None:
+    """Refuse to go on with a run of another config."""
+    file = path / "config.resolved.yaml"
+    try:
+        changes = _changes(file, case)
+    except (OSError, YAMLError) as error:
+        reason = str(error).splitlines()[0]
+        raise ConfigError(
+            f"{path}: cannot resume, {file.name} cannot be read ({reason}); start anew with "
+            "--overwrite"
+        ) from None
+    if changes:
+        raise ConfigError(
+            f"{path}: cannot resume, the config has changed since:\n  "
+            + "\n  ".join(changes)
+            + "\nOnly name, description, output, solver and mesh.file may change; "
+            "undo the changes, or start anew with --overwrite or another --out"
+        )
 
 
 def _changes(path: Path, case: Case) -> list[str]:

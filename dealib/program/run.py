@@ -15,9 +15,9 @@ from typing import Any, Protocol
 
 from mpi4py import MPI
 
-from dealib.config.case import Case
+from dealib.config.case import Case, load
 from dealib.errors import Interrupted, NotConverged, PlatformError
-from dealib.program.directory import prepare
+from dealib.program.directory import finished, prepare
 from dealib.program.log import to_file
 from dealib.program.margins import table
 from dealib.program.provenance import git_hash, identity, versions
@@ -80,7 +80,7 @@ def line(row: dict[str, Any]) -> str:
 
 
 def simulate(
-    case: Case,
+    case: Case | str | Path,
     directory: str | Path | None = None,
     *,
     overwrite: bool = False,
@@ -94,7 +94,7 @@ def simulate(
     """Run a case into its directory.
 
     Args:
-        case: A loaded case.
+        case: A loaded case, or a config's path.
         directory: Run directory; default the config's.
         overwrite: Replace an existing run.
         resume: Go on with an unfinished run; a finished one is left as it is.
@@ -114,6 +114,8 @@ def simulate(
         PlatformError: If the disk refuses.
     """
     begin = time.perf_counter() if started is None else started
+    if not isinstance(case, Case):
+        case = load(case)
     path = Path(directory or case.config.directory)
     info: dict[str, Any] = {
         "name": case.config.name,
@@ -127,7 +129,7 @@ def simulate(
         "git": git_hash(),
         "versions": versions(),
     }
-    if resume and _is_done(path, comm):
+    if resume and finished(path, case, comm):
         return Run(path)
     with Signals(comm) as signals, to_file(path, comm.rank == 0) as info["warnings"]:
         saved, lock = prepare(path, case, info, overwrite, resume, comm)
@@ -218,8 +220,3 @@ def _status(failure: BaseException | None) -> str:
     if isinstance(failure, NotConverged):
         return "not converged"
     return "interrupted" if isinstance(failure, (Interrupted, KeyboardInterrupt)) else "failed"
-
-
-def _is_done(path: Path, comm: MPI.Comm) -> bool:
-    done = (path / store.INFO).is_file() and Run(path).status == "done"
-    return bool(comm.bcast(done, root=0))

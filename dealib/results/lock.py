@@ -5,7 +5,6 @@ from __future__ import annotations
 import fcntl
 import os
 import time
-from contextlib import suppress
 from pathlib import Path
 
 from dealib.errors import ConfigError
@@ -13,6 +12,10 @@ from dealib.errors import ConfigError
 
 class Lock:
     """A held lock; it lasts until every process that shares it has closed it.
+
+    Attributes:
+        descriptors: Of the directory, to be shared with a child.
+        sure: Whether the file system has locks.
 
     Args:
         path: The directory; None on ranks that write nothing.
@@ -24,17 +27,26 @@ class Lock:
 
     def __init__(self, path: Path | None = None, patience: float = 0.0) -> None:
         self.descriptors: tuple[int, ...] = ()
+        self.sure = False
         if path is None:
             return
         deadline = time.monotonic() + patience
-        with suppress(PermissionError):
-            self.descriptors = (os.open(path, os.O_RDONLY),)
-        for descriptor in self.descriptors:
-            while not _taken(descriptor):
-                if time.monotonic() > deadline:
-                    os.close(descriptor)
-                    raise ConfigError(f"{path}: another run is writing there")
-                time.sleep(0.01)
+        while True:
+            try:
+                descriptor = os.open(path, os.O_RDONLY)
+            except OSError:  # not ours to read, or just replaced
+                return
+            try:
+                taken, self.sure = _taken(descriptor), True
+            except OSError:
+                taken = True
+            if taken and _same(descriptor, path):
+                self.descriptors = (descriptor,)
+                return
+            os.close(descriptor)
+            if not taken and time.monotonic() > deadline:
+                raise ConfigError(f"{path}: another run is writing there")
+            time.sleep(0.01)
 
     def __enter__(self) -> Lock:
         return self
@@ -50,6 +62,12 @@ def _taken(descriptor: int) -> bool:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return False
-    except OSError:  # a file system without locks
-        return True
     return True
+
+
+def _same(descriptor: int, path: Path) -> bool:
+    """Whether a path still names the directory, which another run may have replaced meanwhile."""
+    try:
+        return os.path.samestat(os.fstat(descriptor), path.stat())
+    except OSError:
+        return False

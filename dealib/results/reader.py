@@ -39,6 +39,9 @@ class Run:
         if not (self.directory / store.INFO).is_file():
             raise ConfigError(f"{self.directory}: no run here (there is no {store.INFO})")
 
+    def __repr__(self) -> str:
+        return f"<Run {self.directory}: {self.status}>"
+
     @property
     def info(self) -> dict[str, Any]:
         """What `run.json` says: status, versions, timings."""
@@ -73,9 +76,9 @@ class Run:
     @cached_property
     def config(self) -> Config:
         """The config as it was run."""
-        from dealib.config import load
+        from dealib.config import read
 
-        return load(self.directory / "config.resolved.yaml").config
+        return read(self.directory / "config.resolved.yaml")
 
     @cached_property
     def mesh(self) -> ResultMesh:

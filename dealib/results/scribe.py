@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pickle
 import queue
+import signal
 import socket
 import threading
 from contextlib import suppress
@@ -22,6 +23,8 @@ def main(file: int) -> None:
     Args:
         file: Descriptor of the socket.
     """
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1):
+        signal.signal(number, signal.SIG_IGN)  # they are for the run, whose end is its end
     with socket.socket(fileno=file) as link:
         lock = socket.recv_fds(link, 1, 1)[1]  # it is held until this process ends
         with link.makefile("rb") as inputs, link.makefile("wb") as answers:
@@ -37,11 +40,13 @@ def main(file: int) -> None:
 
 
 def _receive(inputs: IO[bytes], messages: queue.Queue[Any]) -> None:
-    # the run has ended, or was killed in the middle of a message, which then can fail in any way
-    with suppress(Exception):
+    try:
         while True:
             messages.put(pickle.load(inputs))
-    messages.put(None)
+    except (EOFError, OSError):  # the run has ended
+        messages.put(None)
+    except Exception as error:  # or was killed in the middle of a message
+        messages.put(error)
 
 
 def _write(messages: queue.Queue[Any], answers: IO[bytes]) -> None:
@@ -50,6 +55,8 @@ def _write(messages: queue.Queue[Any], answers: IO[bytes]) -> None:
     writer = StepWriter(opening)
     _answer(answers, None)
     while (message := messages.get()) is not None:
+        if isinstance(message, Exception):
+            raise message
         if isinstance(message, Record):
             writer.add(message)
             _answer(answers, None)
