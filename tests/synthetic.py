@@ -15,16 +15,17 @@ TRUE = {
 }
 NOISE, SEED = 2e-3, 2011  # N
 LABEL = """\
-# SYNTHETIC data, no measurement: computed by dealib for configs/fits/example.yaml with
-# youngs_modulus 1 MPa, prestretch 1.15, relative_permittivity 3.0 of the film,
+# SYNTHETIC data, no measurement: computed by dealib for configs/fits/example.yaml, in 60 steps a
+# stage, with youngs_modulus 1 MPa, prestretch 1.15, relative_permittivity 3.0 of the film,
 # plus normal noise of standard deviation 2 mN on the force (seed 2011).
 """
 
 
 def texts():
     """Content of both files by name."""
-    plan = Plan(FITS / "example.yaml")
-    h = [state.row for state in dealib.Simulation(plan.case(0, TRUE))]
+    case = Plan(FITS / "example.yaml").case(0, TRUE)
+    fine = [f"program.{k}.steps=60" for k in (1, 3)]  # so that the fit's own steps are a test
+    h = [state.row for state in dealib.Simulation(dealib.load(case.path, [*case.overrides, *fine]))]
     u, F, V = (
         np.array([row[k] for row in h]) for k in ("displacement_mm", "force_N", "voltage_kV")
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.interpolate import PchipInterpolator
 
 from dealib.data.measured import Array, Measured
 from dealib.errors import ConfigError
@@ -69,7 +70,7 @@ def compare(
 
     Both abscissae are split where they turn. The first rising branch of the data is compared with
     the run's first rising one, and so on; if the run has none of that direction left, with its
-    last one.
+    last one. Between its steps the run is interpolated by monotone cubics (PCHIP).
 
     Args:
         history: Columns of a history, with `stage`.
@@ -166,7 +167,10 @@ def _ascending(x: Array, y: Array) -> tuple[Array, Array]:
 
 def _interpolate(run_x: Array, run_y: Array, x: Array, extrapolate: bool) -> Array:
     slack = 1e-9 * max(float(np.ptp(run_x)), 1e-300)
-    y = np.asarray(np.interp(x, run_x, run_y))
+    # monotone cubics: straight lines between few steps would add an error of their own
+    smooth = PchipInterpolator(run_x, run_y, extrapolate=False) if len(run_x) > 2 else None
+    within = np.clip(x, run_x[0], run_x[-1])
+    y = np.asarray(np.interp(x, run_x, run_y) if smooth is None else smooth(within))
     below, above = x < run_x[0] - slack, x > run_x[-1] + slack
     if extrapolate and len(run_x) > 1:
         first = (run_y[1] - run_y[0]) / (run_x[1] - run_x[0])
