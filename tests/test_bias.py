@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -296,6 +297,38 @@ def test_command_writes_picture_and_tables(tmp_path, monkeypatch):
     again = CliRunner().invoke(app, ["bias", str(config), *mass])
     assert isinstance(again.exception, ConfigError)
     assert "exists" in str(again.exception)
+
+
+def test_what_lies_outside_the_chart_is_told(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    config = [str(case(NEGATIVE).path), "--set", "mesh.columns=12"]
+
+    def call(reach, *options):
+        done = CliRunner().invoke(app, ["bias", *config, "--reach", reach, *options])
+        assert done.exit_code == 0, done.exception
+        return done.stdout.splitlines()
+
+    assert call("-0.2 mm, 0 mm", "--out", "q.png")[:2] == [
+        "0 kV: film and bias do not meet within -0.2 .. 0 mm; see --reach",
+        "2.5 kV: film and bias do not meet within -0.2 .. 0 mm; see --reach",
+    ]
+    assert (tmp_path / "q.png").stat().st_size > 10_000
+    rest, note, *files = call("-1.5 mm, 0 mm")
+    assert rest.split()[:3] == ["0", "kV", "-1.189111"]
+    assert note == "2.5 kV: film and bias do not meet within -1.5 .. 0 mm; see --reach"
+    assert len(files) == 3
+
+
+def test_a_stroke_that_ends_outside_the_chart_is_told():
+    full = on_a_strong_spring(20)
+    rest, up = full.film
+    cut = [e for e in full.equilibria[up] if e.displacement > full.equilibria[up][0].displacement]
+    found = replace(full, equilibria={rest: full.equilibria[rest], up: cut})
+    lower, _, upper = full.equilibria[rest]
+    assert [s.start for s in found.strokes()] == [upper]
+    (note,) = found.notes()
+    assert note.startswith(f"the stroke from {lower.displacement:.6f} mm at 2.5 kV does not end")
+    assert full.notes() == []
 
 
 @pytest.mark.parametrize(

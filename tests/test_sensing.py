@@ -1,6 +1,7 @@
 """What drivers and sensors see: capacitances, resistance, cycles, displacement from capacitance."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from conftest import CONFIGS, case, history
 from typer.testing import CliRunner
@@ -14,6 +15,7 @@ from dealib.errors import ConfigError
 from dealib.fem.differential import port_stiffness
 from dealib.report import facts
 from dealib.results.cycles import cycles
+from dealib.results.device import check_device
 from dealib.results.electrodes import Rings
 from dealib.results.sensing import CapacitanceMap
 
@@ -260,3 +262,72 @@ def test_the_command_draws_and_inverts(swept, strip_run):
             sense([swept.directory], wrong, None, False, False)
     with pytest.raises(ConfigError, match="no map: it takes at least 6 displacements"):
         CapacitanceMap.of([strip_run.history.iloc[13:]])
+
+
+def test_states_that_nearly_coincide_are_one():
+    """A parabola C(u), whose states repeat within rounding: the spline must not see that."""
+    u = np.linspace(-2, 0, 11)
+    u = np.concatenate([u, u[::-1] + 1e-9, u + 1e-7])
+    C = 240 + 10 * u**2
+    table = pd.DataFrame({"displacement_mm": u, "voltage_kV": 0.0, "capacitance_pF": C})
+    held = table.iloc[:8].assign(displacement_mm=-1 + 1e-9 * np.arange(8), voltage_kV=2.0)
+    held["capacitance_pF"] = 250.0
+    found = CapacitanceMap.of([table, held])
+    assert len(found.sweeps[0].displacement) == 11
+    assert found.sensitivity(np.array([-2.0, -1.0]), 0.0) == pytest.approx([-40, -20], rel=1e-5)
+    assert found.displacement(250.0, 0.0) == pytest.approx(-1, abs=1e-7)
+    assert found.left_out == [2.0]  # eight states, one displacement
+    loop = table.iloc[11:].assign(capacitance_pF=C[11:] + 0.02)
+    message = "at -2 mm and 0 kV there are both 280 and 280.02 pF"
+    with pytest.raises(ConfigError, match=message):
+        CapacitanceMap.of([table.iloc[:11], loop])
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_map_of_one_voltage_and_what_is_left_out(tmp_path):
+    """The minimum of C at 0 mm is an end of the sweep: a half map need not know its value."""
+    program = "[{stage: down, mount: {displacement: -2 mm}, steps: 10}, {stage: up, duration: 1 s, "
+    program += "terminal: {voltage: [0 kV, 2 kV, 0 kV]}, steps: 8}]"
+    run = dealib.simulate(small(program=program), tmp_path / "run")
+    *lines, _ = sense([run.directory], None, None, False, False).splitlines()
+    assert lines[0] == "-2 .. 0 mm"
+    slopes = lines[3].split()[-4:]
+    assert float(slopes[0]) == pytest.approx(-31.9, abs=2)
+    assert abs(float(slopes[2])) < 0.1
+    assert float(slopes[3]) < 0.5  # um
+    assert lines[4:] == ["not on the map, with too few displacements: 0.5, 1, 1.5, 2 kV"]
+    with pytest.raises(ConfigError, match=r"^--at 250,1: 1 kV is not on the map, which ends at 0"):
+        sense([run.directory], "250,1", None, False, False)
+
+
+def test_a_map_ends_at_its_largest_voltage(swept):
+    message = "--at 270,13: 13 kV is not on the map, which ends at 2 kV"
+    with pytest.raises(ConfigError, match=f"^{message}$"):
+        sense([swept.directory], "270,13", None, False, False)
+    found = CapacitanceMap.of([swept.history[swept.history["voltage_kV"] > 0]])
+    with pytest.raises(ValueError, match=r"^0.5 kV is not on the map, which begins at 1 kV$"):
+        found.capacitance(-1.0, 0.5)
+
+
+def test_runs_of_different_devices_are_no_map(tmp_path):
+    rest = "[{stage: rest}]"
+    a = dealib.simulate(small(program=rest, name="other", solver__max_cuts=3), tmp_path / "a")
+    b = dealib.simulate(small(program=rest), tmp_path / "b")
+    check_device([a, b])
+    thick = {"geometry__film_thickness": "60 um", "materials__film__relative_permittivity": 4}
+    c = dealib.simulate(small(program=rest, **thick), tmp_path / "c")
+    message = f"no map: {a.directory} and {c.directory} differ in geometry.film_thickness "
+    message += "(0.05 mm, 0.06 mm), materials.film.relative_permittivity (3.0, 4.0)"
+    with pytest.raises(ConfigError) as caught:
+        sense([a.directory, b.directory, c.directory], None, None, False, False)
+    assert str(caught.value) == message
+
+
+def test_maxwell_branches_allow_no_map(tmp_path):
+    run = dealib.simulate(case("hysteresis", program="[{stage: rest}]"), tmp_path / "run")
+    with pytest.raises(ConfigError) as caught:
+        sense([run.directory], None, None, False, False)
+    assert str(caught.value) == (
+        f"{run.directory}: no map: materials.film.branches make the capacitance depend on what "
+        "came before; run it without them"
+    )

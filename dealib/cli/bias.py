@@ -46,7 +46,7 @@ def draw_chart(
 
 
 def describe(chart: BiasChart) -> list[str]:
-    """Equilibria and strokes, a line each."""
+    """Equilibria, strokes and what is missing, a line each."""
     lines = []
     for volts, equilibria in chart.equilibria.items():
         for e in equilibria:
@@ -65,7 +65,7 @@ def describe(chart: BiasChart) -> list[str]:
             f"stroke {stroke.length:.6f} mm, from {stroke.start.displacement:.6f} mm "
             f"to {stroke.end.displacement:.6f} mm{back}"
         )
-    return lines or ["film and bias do not meet within the chart; see --reach"]
+    return lines + [f"{note}; see --reach" for note in chart.notes()]
 
 
 def _quantity(option: str, text: str, dimension: str) -> float:

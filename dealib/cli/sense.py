@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from dealib.errors import ConfigError
+from dealib.results.device import check_device
 from dealib.results.reader import Run
 from dealib.results.sensing import CapacitanceMap
 
@@ -25,7 +26,7 @@ def sense(
         overwrite: Replace the picture.
 
     Raises:
-        ConfigError: If the runs hold no map, or `at` is none of its states.
+        ConfigError: If the runs hold no map or not the same device, or `at` is none of its states.
     """
     from dealib.cli.plot import default
     from dealib.plots import style
@@ -34,13 +35,14 @@ def sense(
     if out is not None:
         style.check_target(out, style.FORMATS, overwrite)
     runs = [Run(directory) for directory in directories]
+    check_device(runs)
     found = CapacitanceMap.of([run.history for run in runs])
     if at is not None:
         return f"{_displacement(found, at):.6g} mm"
     target = out or default(runs, "sensing", dark)
     with style.theme(dark):
         style.save(draw(found, str(runs[0].info["name"])), target)
-    return "\n".join([*_table(found), str(target)])
+    return "\n".join([*_table(found), *_left_out(found.left_out), str(target)])
 
 
 def _displacement(found: CapacitanceMap, at: str) -> float:
@@ -65,3 +67,13 @@ def _table(found: CapacitanceMap) -> list[str]:
             f"{1e3 * error:16.3g}"
         )
     return lines
+
+
+def _left_out(voltages: Sequence[float]) -> list[str]:
+    """Which voltages are not on the map."""
+    if not voltages:
+        return []
+    what = ", ".join(f"{V:.4g}" for V in voltages)
+    if len(voltages) > 6:
+        what = f"{len(voltages)} voltages from {voltages[0]:.4g} to {voltages[-1]:.4g}"
+    return [f"not on the map, with too few displacements: {what} kV"]

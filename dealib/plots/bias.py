@@ -22,8 +22,10 @@ def draw_bias(chart: BiasChart, look: Theme) -> Any:
         for e in chart.equilibria[volts]:
             inside = colour if e.stable else look.paper
             axis.plot(e.displacement, e.force, "o", ms=8, mec=colour, mfc=inside, mew=1.6, zorder=4)
-    axis.plot(u, chart.bias, color=look.ink, ls="--", label="bias")
     low, high = _limits(chart)
+    seen = ((chart.bias >= low) & (chart.bias <= high)).any()
+    name = "bias" if seen else "bias (beyond these forces)"
+    axis.plot(u, chart.bias, color=look.ink, ls="--", label=name)
     margin = 0.08 * (high - low)
     strokes = chart.strokes()
     axis.set_ylim(low - margin, high + margin * (1 + len(strokes)))
@@ -37,7 +39,8 @@ def draw_bias(chart: BiasChart, look: Theme) -> Any:
         axis.annotate(text, middle, (0, 4), textcoords="offset points", ha="center")
         for e in (start, end):
             axis.plot([e.displacement] * 2, [e.force, y], color=look.faint, lw=0.8, zorder=1)
-    axis.set(xlabel=label("displacement_mm"), ylabel=label("force_N"), title=chart.name)
+    title = "\n".join([chart.name, *chart.notes()])
+    axis.set(xlabel=label("displacement_mm"), ylabel=label("force_N"), title=title)
     axis.legend(loc="lower right")
     return figure
 
@@ -48,4 +51,5 @@ def _limits(chart: BiasChart) -> tuple[float, float]:
     low, high = film.min(), film.max()
     span = high - low
     near = chart.bias[(chart.bias > low - span / 2) & (chart.bias < high + span / 2)]
-    return float(min(low, *near)), float(max(high, *near))
+    shown = np.concatenate([film, near])
+    return float(shown.min()), float(shown.max())

@@ -90,6 +90,22 @@ class BiasChart:
                     found.append(Stroke(start, end, back))
         return found
 
+    def notes(self) -> list[str]:
+        """What is missing within the chart: equilibria, and the ends of strokes."""
+        reach = f"within {self.displacement[0]:g} .. {self.displacement[-1]:g} mm"
+        found = [
+            f"{volts:g} kV: film and bias do not meet {reach}"
+            for volts, equilibria in self.equilibria.items()
+            if not equilibria
+        ]
+        starts = [s.start for s in self.strokes()]
+        rest, full = self.film
+        return found + [
+            f"the stroke from {e.displacement:.6f} mm at {full:g} kV does not end {reach}"
+            for e in self.equilibria[rest]
+            if e.stable and e not in starts and self.equilibria[full]
+        ]
+
     def _settle(self, displacement: float, voltage: float) -> Equilibrium | None:
         """The stable state into which the forces at a displacement push the mount, if any."""
         film = np.interp(displacement, self.displacement, self.film[voltage])

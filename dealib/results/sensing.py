@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     import pandas
 
 _FEWEST = 6  # displacements at one voltage that make a curve
+_APART = 1e-4  # of the range of displacements: closer states are one
 
 
 @dataclass(frozen=True)
@@ -39,11 +41,36 @@ class Sweep:
         """DC/du at displacements, pF/mm."""
         return self._spline(displacement, 1)
 
-    @property
+    @cached_property
     def _spline(self) -> Any:
         from scipy.interpolate import CubicSpline
 
         return CubicSpline(self.displacement, self.capacitance)
+
+    @classmethod
+    def of(cls, voltage: float, states: Array, apart: float) -> Sweep:
+        """From all states at a voltage.
+
+        Args:
+            voltage: kV.
+            states: Displacements (mm) and capacitances (pF), (states, 2).
+            apart: States that are closer than this become one, mm.
+
+        Raises:
+            ConfigError: If there are two capacitances at one displacement.
+        """
+        u, C = states[np.argsort(states[:, 0], kind="stable")].T
+        steepest = 10 * np.ptp(C) / (np.ptp(u) or 1.0)  # no curve of capacitance bends so much
+        groups = np.flatnonzero(np.diff(u) > apart) + 1
+        means = []
+        for here, there in zip(np.split(u, groups), np.split(C, groups), strict=True):
+            if np.ptp(there) > 1e-6 * there.max() + steepest * np.ptp(here):
+                raise ConfigError(
+                    f"no map: at {here[0]:.6g} mm and {voltage:g} kV there are both "
+                    f"{there.min():.7g} and {there.max():.7g} pF"
+                )
+            means.append((here.mean(), there.mean()))
+        return cls(voltage, *np.array(means).T)
 
 
 class CapacitanceMap:
@@ -54,12 +81,14 @@ class CapacitanceMap:
 
     Attributes:
         sweeps: By voltage, ascending.
+        left_out: Voltages at which there are states, but too few for a sweep, kV, ascending.
         low: Smallest displacement that all sweeps share, mm.
         high: Largest one.
     """
 
-    def __init__(self, sweeps: Sequence[Sweep]) -> None:
+    def __init__(self, sweeps: Sequence[Sweep], left_out: Sequence[float] = ()) -> None:
         self.sweeps = sorted(sweeps, key=lambda s: s.voltage)
+        self.left_out = sorted(left_out)
         self.low = max(float(s.displacement[0]) for s in self.sweeps)
         self.high = min(float(s.displacement[-1]) for s in self.sweeps)
 
@@ -70,38 +99,50 @@ class CapacitanceMap:
         """All sweeps in histories: at least six displacements at one voltage.
 
         Raises:
-            ConfigError: If there is none, or they share no displacements.
+            ConfigError: If there is none, they share no displacements, or they contradict each
+                other.
         """
-        found: dict[float, dict[float, float]] = {}
-        for h in histories:
-            for u, V, C in h[["displacement_mm", "voltage_kV", column]].to_numpy():
-                found.setdefault(round(abs(V), 9), {})[round(u, 9)] = C
-        sweeps = [
-            Sweep(V, *np.array(sorted(points.items())).T)
-            for V, points in found.items()
-            if len(points) >= _FEWEST
-        ]
+        states = [h[["displacement_mm", column, "voltage_kV"]].to_numpy() for h in histories]
+        u_C, voltage = np.split(np.concatenate(states), [2], axis=1)
+        voltage = np.round(np.abs(voltage[:, 0]), 9)
+        apart = _APART * float(np.ptp(u_C[:, 0]))
+        all_sweeps = [Sweep.of(float(V), u_C[voltage == V], apart) for V in np.unique(voltage)]
+        sweeps = [s for s in all_sweeps if len(s.displacement) >= _FEWEST]
         if not sweeps:
             raise ConfigError(
                 f"no map: it takes at least {_FEWEST} displacements at one voltage, such as in "
                 "configs/sensing.yaml"
             )
-        made = cls(sweeps)
+        made = cls(sweeps, [s.voltage for s in all_sweeps if s not in sweeps])
         if made.low >= made.high:
             raise ConfigError("no map: the sweeps at different voltages share no displacements")
         return made
 
     def capacitance(self, displacement: Any, voltage: float) -> Any:
-        """C(u, V), pF."""
+        """C(u, V), pF.
+
+        Raises:
+            ValueError: If the voltage is none between those of the sweeps.
+        """
         return self._over_voltage([s.at(displacement) for s in self.sweeps], voltage)
 
     def sensitivity(self, displacement: Any, voltage: float) -> Any:
-        """DC/du at constant voltage, pF/mm."""
+        """DC/du at constant voltage, pF/mm.
+
+        Raises:
+            ValueError: If the voltage is none between those of the sweeps.
+        """
         return self._over_voltage([s.sensitivity(displacement) for s in self.sweeps], voltage)
 
     def _over_voltage(self, values: list[Any], voltage: float) -> Any:
         from scipy.interpolate import barycentric_interpolate
 
+        first, last = self.sweeps[0].voltage, self.sweeps[-1].voltage
+        if not first - 1e-9 <= abs(voltage) <= last + 1e-9:
+            place = f"ends at {last:g}" if abs(voltage) > last else f"begins at {first:g}"
+            raise ValueError(f"{voltage:g} kV is not on the map, which {place} kV")
+        if len(values) == 1:
+            return values[0]
         squares = [s.voltage**2 for s in self.sweeps]
         found = barycentric_interpolate(squares, np.asarray(values), voltage**2)
         return np.asarray(found).reshape(np.shape(values[0]))
@@ -124,8 +165,9 @@ class CapacitanceMap:
                 f"no displacement from {self.low:g} to {self.high:g} mm has {capacitance:g} pF at "
                 f"{voltage:g} kV"
             )
-        if off[where[0]] == 0:
-            return float(u[where[0]])
+        for k in (where[0], where[0] + 1):
+            if off[k] == 0:
+                return float(u[k])
 
         def difference(x: float) -> float:
             return float(self.capacitance(x, voltage)) - capacitance
@@ -136,7 +178,7 @@ class CapacitanceMap:
         """Voltage (kV) and largest error of `displacement` (mm), by leaving points out.
 
         Every second displacement of all sweeps makes a map of its own, which is asked for the
-        others.
+        others; where it knows no such capacitance, the error is that to the nearest one it knows.
         """
         half = CapacitanceMap(
             [Sweep(s.voltage, s.displacement[::2], s.capacitance[::2]) for s in self.sweeps]
@@ -146,6 +188,8 @@ class CapacitanceMap:
             inside = (s.displacement > half.low) & (s.displacement < half.high)
             inside[::2] = False
             points = zip(s.displacement[inside], s.capacitance[inside], strict=True)
-            off = [abs(half.displacement(C, s.voltage) - u) for u, C in points]
+            known = half.capacitance(np.linspace(half.low, half.high, 201), s.voltage)
+            ends = known.min(), known.max()
+            off = [abs(half.displacement(np.clip(C, *ends), s.voltage) - u) for u, C in points]
             found.append((s.voltage, max(off, default=np.nan)))
         return found

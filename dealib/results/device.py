@@ -1,0 +1,56 @@
+"""Which device runs are of, by their configs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from dealib.errors import ConfigError
+from dealib.results.reader import Run
+
+if TYPE_CHECKING:
+    from dealib.config.schema import Config
+
+_PARTS = {"geometry", "mesh", "materials", "physics"}  # the rest is how it is driven and solved
+_TOLD = 4  # differing keys
+
+
+def check_device(runs: Sequence[Run]) -> None:
+    """See that runs are of one device whose state depends on displacement and voltage alone.
+
+    Raises:
+        ConfigError: If devices differ, with the keys, or a material has Maxwell branches.
+    """
+    first, *others = devices = [dict(_values("", _device(run.config))) for run in runs]
+    for run, device in zip(runs[1:], others, strict=True):
+        keys = [k for k in {**first, **device} if first.get(k) != device.get(k)]
+        if keys:
+            told = [f"{k} ({_told(first, k)}, {_told(device, k)})" for k in keys[:_TOLD]]
+            told += [f"{len(keys) - _TOLD} keys more"] if len(keys) > _TOLD else []
+            raise ConfigError(
+                f"no map: {runs[0].directory} and {run.directory} differ in {', '.join(told)}"
+            )
+    for key in devices[0]:
+        if key.endswith(".branches.0.shear_modulus"):
+            raise ConfigError(
+                f"{runs[0].directory}: no map: {key.removesuffix('.0.shear_modulus')} make the "
+                "capacitance depend on what came before; run it without them"
+            )
+
+
+def _device(config: Config) -> dict[str, Any]:
+    return config.model_dump(include=_PARTS, exclude_none=True)
+
+
+def _values(path: str, node: Any) -> Iterator[tuple[str, Any]]:
+    """Dotted keys and values; the name of a material in the library is none."""
+    if not isinstance(node, (dict, list, tuple)):
+        yield path, node
+        return
+    for key, value in node.items() if isinstance(node, dict) else enumerate(node):
+        if key != "library":
+            yield from _values(f"{path}.{key}".lstrip("."), value)
+
+
+def _told(device: dict[str, Any], key: str) -> str:
+    return str(device.get(key, "not given"))
