@@ -213,6 +213,10 @@ EDITS = [
      "    branches: [{shear_modulus: 1 MPa, relaxation_time: 1 s}]\n",
      "10:9: tables: materials.film has branches: its force depends on time, which tables lack",
      "{displacement"),
+    ("tables without a potential", "program:",
+     "physics: {coupling: pelrine}\n"
+     "tables: {displacement: [0 mm, 1 mm], voltage: [0 V, 2 kV]}\nprogram:",
+     "19:21: physics.coupling: tables come from one potential: energy only", "pelrine"),
     ("tables of two points", "program:",
      "tables: {displacement: [0 mm, 1 mm], voltage: [0 V, 2 kV], points: [9, 2]}\nprogram:",
      "19:72: tables.points.1: must be at least 3, not 2", "2]"),

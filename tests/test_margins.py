@@ -252,6 +252,19 @@ def test_a_stage_ends_at_the_crossing_and_the_next_begins_there():
     assert lowered["force_N"].iloc[-1] == pytest.approx(h["force_N"][8], rel=1e-7)  # elastic
 
 
+def test_the_finest_condition_that_is_met_rules_the_step():
+    """Of two that a whole step would meet, the one without halvings does not hide the other."""
+    fine = "{when: displacement_mm < -0.2 mm, bisect: 6}"
+    push = f"mount: {{displacement: -1 mm}}, stop_when: [{fine}]"
+    simulation = dealib.Simulation(
+        small(program=f"[{{stage: push, {push}}}]", stop_when="[displacement_mm < -0.5 mm]")
+    )
+    *_, before, last = [state.row["displacement_mm"] for state in simulation]
+    assert (before, last) == pytest.approx((-12 / 64, -13 / 64), abs=1e-12)
+    (stop,) = simulation.progress.stops
+    assert (stop["when"], stop["ends"]) == ("displacement_mm < -0.2 mm", "stage")
+
+
 FIELD = "[field_max_MV_per_m > 30 V/um]"
 
 

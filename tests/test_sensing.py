@@ -1,5 +1,7 @@
 """What drivers and sensors see: capacitances, resistance, cycles, displacement from capacitance."""
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -215,6 +217,59 @@ def test_no_cycle_without_a_return(tmp_path):
     run = dealib.simulate(small(program=program), tmp_path / "run")
     assert cycles(run) == []
     assert "energy, mJ" not in CliRunner().invoke(app, ["info", str(run.directory)]).stdout
+
+
+def cycle_rows(program, folder):
+    found = cycles(dealib.simulate(small(program=program), folder / "run"))
+    return [(c.name, c.first, c.last) for c in found]
+
+
+def test_every_input_of_a_cycle_comes_back_to_where_it_was(tmp_path):
+    push = "[{stage: push, mount: {displacement: -1 mm}, %s, steps: 4}]"
+    assert cycle_rows(push % "terminal: {voltage: [0 V, 2 kV, 0 V]}", tmp_path / "a") == []
+    push = push.replace("-1 mm", "[0 mm, -1 mm, 0 mm]")
+    found = cycle_rows(push % "terminal: {voltage: [0 V, 2 kV, 0 V]}", tmp_path / "b")
+    assert found == [("push", 0, 4)]
+    # from 0 V a list that begins elsewhere is reached first: only its second round is closed
+    elsewhere = "[{stage: dip, terminal: {voltage: [2 kV, 1 kV, 2 kV]}, steps: 6, cycles: %d}]"
+    assert cycle_rows(elsewhere % 1, tmp_path / "c") == []
+    (found,) = cycle_rows(elsewhere % 2, tmp_path / "d")
+    assert found == ("dip 2", 6, 12)
+    # a weight that was there before does not keep a voltage from closing its cycle
+    load = "mount: {mass: 10 g}, steps: 2"
+    program = f"[{{stage: load, {load}}}, {{stage: on, {load}, terminal: {{voltage: [0 V, 1 kV, "
+    assert cycle_rows(f"{program}0 V]}}}}]", tmp_path / "e") == [("on", 2, 4)]
+
+
+def test_cycles_after_a_branch_that_is_followed(tmp_path):
+    """Its stage lasts as long as its path; a killed run says nothing of stops."""
+    program = (
+        "[{stage: load, mount: {force: -0.02 N}, steps: 2}, {stage: NA, duration: 3 s, steps: 2,"
+        " follow: {vary: force, until: {displacement: -1 mm}}},"
+        " {stage: go on, steps: 4, duration: 4 s, cycles: 2,"
+        " terminal: {voltage: [0 V, 1 kV, 0 V]}},"
+        " {stage: part, duration: 4 s, terminal: {voltage: [0 V, 1 kV]}, steps: 8,"
+        " stop_when: [voltage_kV > 0.3 kV]},"
+        " {stage: same, terminal: {voltage: [1 kV, 0.3 kV, 1 kV]}, steps: 4},"
+        " {stage: same, terminal: {voltage: [1 kV, 0 V, 1 kV]}, steps: 4}]"
+    )
+    run = dealib.simulate(small(program=program), tmp_path / "run")
+    h = run.history
+    begin = int(np.flatnonzero(h["stage"] == "NA")[-1])
+    time = h["time_s"][begin]
+    assert abs(time - (1 + 3)) > 1e-3  # not where the duration would have it
+    assert h["time_s"][begin + 8] == pytest.approx(time + 8)
+    same = begin + 8 + 3 + 6  # with its corners
+    expected = [
+        ("go on 1", begin, begin + 4),
+        ("go on 2", begin + 4, begin + 8),
+        ("same", same, same + 4),
+    ]
+    assert [(c.name, c.first, c.last) for c in cycles(run)] == expected
+    info = {k: v for k, v in run.info.items() if k != "stops"} | {"status": "running"}
+    (run.directory / "run.json").write_text(json.dumps(info))
+    again = dealib.open(run.directory)
+    assert [(c.name, c.first, c.last) for c in cycles(again)] == expected
 
 
 # --- the map -------------------------------------------------------------------------------------

@@ -252,6 +252,34 @@ def test_cut_back_steps_leave_no_trace():
     assert whole[lost].to_numpy() == pytest.approx(cut[lost].to_numpy(), rel=1e-9)
 
 
+STOP = (
+    "[{{stage: push, duration: 8 s, mount: {{displacement: -1 mm}}, steps: 8,"
+    " stop_when: [{{when: {}, bisect: 8}}]}}]"
+)
+
+
+@pytest.mark.parametrize("tolerance", [0, 1e-3])
+@pytest.mark.parametrize(
+    ("column", "limit"), [("dissipated_energy_mJ", "3e-4 mJ"), ("dissipated_power_mW", "2.2e-4 mW")]
+)
+def test_conditions_see_the_branches_of_the_present_state(column, limit, tolerance):
+    """What C_i brings counts in the step on which a condition is met: bisected to its 1/256."""
+    h = history(program=STOP.format(f"{column} > {limit}"), solver__time_tolerance=tolerance)
+    before, last = h.iloc[-2], h.iloc[-1]
+    value = float(limit.split()[0])
+    assert before[column] <= value < last[column]
+    assert last["time_s"] - before["time_s"] == pytest.approx(2**-8)
+    assert last[column] == pytest.approx(value, rel=5e-3)
+
+
+def test_a_look_ahead_leaves_no_trace():
+    """A condition that is looked at in each step, but never met, changes nothing."""
+    watched = history(stop_when="[{when: dissipated_energy_mJ > 1 J, bisect: 4}]")
+    plain = history()
+    for name in plain.columns.drop("stage"):
+        assert watched[name].to_numpy() == pytest.approx(plain[name].to_numpy(), rel=1e-12), name
+
+
 # --- formulations and ranks ----------------------------------------------------------------------
 
 

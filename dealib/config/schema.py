@@ -254,6 +254,8 @@ class Config(Section):
         if self.physics.formulation == "mixed" and self.mesh.order != 2:
             raise ValueAt(("mesh", "order"), "physics.formulation: mixed needs order 2")
         self._air_above_stroke()
+        if self.tables is not None and self.physics.coupling != "energy":
+            raise ValueAt(("physics", "coupling"), "tables come from one potential: energy only")
         for region in ("film", "electrode") if self.tables is not None else ():
             if getattr(getattr(self.materials, region), "branches", ()):
                 where = f"materials.{region} has branches"

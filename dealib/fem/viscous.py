@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 from mpi4py import MPI
@@ -159,8 +160,7 @@ class Viscosity:
         implicit Euler would do otherwise (collective).
         """
         sums = np.zeros(2)
-        self._ends = [(part, C, part.end(C)) for part, C in self._metrics()]
-        for part, C, end in self._ends:
+        for part, C, end in self._reached():
             sums += part.error(self._dt, C, end)
         total = self._mesh.comm.allreduce(sums, op=MPI.SUM)
         return float(np.sqrt(total[0] / total[1]))
@@ -172,13 +172,25 @@ class Viscosity:
         with the trapezoidal work of the branches' stress it balances what they store exactly.
         """
         lost = 0.0
-        ends = self._ends or [(part, C, part.end(C)) for part, C in self._metrics()]
-        for part, C, internal in ends:
+        for part, C, internal in self._reached():
             for at in (part.C, C):
                 lost += (part.stored(at, part.internal) - part.stored(at, internal)) / 2
             part.C, part.internal = C, internal
         self._ends = None
         self.dissipated += self._total(lost)
+
+    @contextmanager
+    def tentative(self) -> Iterator[None]:
+        """Accept the current state for a while, to look at it (collective)."""
+        kept = [(part, part.C, part.internal) for part in self._parts.values()]
+        reached, dissipated = self._reached(), self.dissipated
+        self.commit()
+        try:
+            yield
+        finally:
+            for part, C, internal in kept:
+                part.C, part.internal = C, internal
+            self._ends, self.dissipated = reached, dissipated
 
     # --- results ---------------------------------------------------------------------------------
 
@@ -254,6 +266,12 @@ class Viscosity:
             )
             F = k.F if part.prestretch is None else k.F @ np.diag(part.prestretch.value)
             yield part, evolution.isochoric(F)
+
+    def _reached(self) -> list[tuple[_Part, Array, Array]]:
+        """Each part with its metric and C_i at the current state, found once a step."""
+        if self._ends is None:
+            self._ends = [(part, C, part.end(C)) for part, C in self._metrics()]
+        return self._ends
 
     def _total(self, mine: float) -> float:
         return float(self._mesh.comm.allreduce(mine, op=MPI.SUM))

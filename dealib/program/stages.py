@@ -54,9 +54,9 @@ def ramp(of: Simulation, stage: Stage) -> Iterator[State]:
     fine = any(c.bisect for c in (*of.case.config.stop_when, *stage.stop_when))
 
     def too_far(at: float, step: float) -> bool:
-        """Whether a condition is met on a step that can still be halved."""
-        met = of.book.met(of, stage, time(at)) if fine else None
-        return met is not None and step > 0.5**met.bisect / stage.steps * (1 + 1e-9)
+        """Whether a condition is met on a step that is to be halved for it."""
+        halvings = [c.bisect for c in of.book.met(of, stage, time(at))] if fine else []
+        return bool(halvings) and step > 0.5 ** max(halvings) / stage.steps * (1 + 1e-9)
 
     apply(p.place.now)
     error = None if viscosity is None else viscosity.error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -74,9 +75,10 @@ class Book:
         self._watch = StabilityWatch(config.materials.film)
         self._reach = ReachWatch()
 
-    def met(self, of: Simulation, stage: Stage, at: float) -> StopWhen | None:
-        """The condition that the present state would meet, if there is one."""
-        return _met(of, stage, self._measure(of, stage, at, {}).row)
+    def met(self, of: Simulation, stage: Stage, at: float) -> list[StopWhen]:
+        """The conditions that the present state would meet (collective)."""
+        with nullcontext() if of.viscosity is None else of.viscosity.tentative():
+            return _met(of, stage, self._measure(of, stage, at, {}).row)
 
     def accept(
         self, of: Simulation, stage: Stage, at: float, last: bool, more: dict[str, Any]
@@ -97,12 +99,12 @@ class Book:
         keep(p.worst, snapshot.peaks, row)
         self._watch.see(row, lambda: film_stretches(snapshot))
         self._reach.see(row, of.newton.system.ports["mount"])
-        if met is not None:
-            p.over, ends = True, "run" if met in of.case.config.stop_when else "stage"
+        if met:
+            p.over, ends = True, "run" if met[0] in of.case.config.stop_when else "stage"
             found = {key: row[key] for key in ("step", "time_s", "stage")}
-            p.stops.append({**found, "when": met.when, "ends": ends})
-            log.info("%s ends the %s at step %d", met.when, ends, row["step"])
-        return State(row, last or met is not None, of)
+            p.stops.append({**found, "when": met[0].when, "ends": ends})
+            log.info("%s ends the %s at step %d", met[0].when, ends, row["step"])
+        return State(row, last or bool(met), of)
 
     def _measure(self, of: Simulation, stage: Stage, at: float, more: dict[str, Any]) -> _Measured:
         p = of.progress
@@ -114,6 +116,6 @@ class Book:
         return _Measured(row | more, snapshot, work)
 
 
-def _met(of: Simulation, stage: Stage, row: dict[str, Any]) -> StopWhen | None:
-    conditions = (*of.case.config.stop_when, *stage.stop_when)
-    return next((c for c in conditions if c.met(row)), None)
+def _met(of: Simulation, stage: Stage, row: dict[str, Any]) -> list[StopWhen]:
+    """The conditions that a row meets, those of the run first."""
+    return [c for c in (*of.case.config.stop_when, *stage.stop_when) if c.met(row)]

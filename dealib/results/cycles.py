@@ -13,7 +13,18 @@ from dealib.results.reader import Run
 if TYPE_CHECKING:
     from dealib.config.program import Stage
 
-_CLOSED = 1e-6  # of the largest displacement and voltage
+_CLOSED = 1e-6  # of a column's largest value
+_LEAST = 1e-3  # mm, N, kV, uC: smallest such value, above the solver's tolerance
+_PORTS = ["displacement_mm", "voltage_kV"]
+_DRIVEN = {
+    "displacement": ["displacement_mm"],
+    "force": ["force_N"],
+    "mass": ["force_N"],
+    "spring": ["displacement_mm", "force_N"],
+    "bias": ["displacement_mm", "force_N"],
+    "voltage": ["voltage_kV"],
+    "charge": ["charge_uC"],
+}
 
 
 @dataclass(frozen=True)
@@ -69,24 +80,21 @@ class Cycle:
 def cycles(run: Run) -> list[Cycle]:
     """The cycles of a run, in order.
 
-    A stage whose driven inputs end where they began is one cycle, or several if it is repeated;
-    other cycles are stages at whose end displacement and voltage are those at the end of an
-    earlier one.
+    A stage that brings all that it drives back to where it was is one cycle, or several if it is
+    repeated; other cycles are stages at whose end displacement and voltage are those at the end of
+    an earlier one.
     """
     h = run.history
-    where = h[["displacement_mm", "voltage_kV"]].to_numpy()
-    sizes = np.abs(where).max(axis=0)
-    sizes[sizes == 0] = 1.0
     open_since, found = [(0, "")], []
     for stage, ends in _boundaries(run):
+        driven = _driven(stage)
         for k, row in enumerate(ends):
             before = open_since[-1][0]
-            name = f"{stage.stage} {k + 1}" if len(ends) > 1 else stage.stage
-            driven = (stage.mount, stage.terminal)
-            returns = any(p is not None and _returns(p) for p in driven)
+            name = f"{stage.stage} {k + 1}" if stage.cycles > 1 else stage.stage
+            returns = bool(driven) and _same(h, before, row, driven)
             starts = [before] if returns else [r for r, _ in open_since]
-            start = next((r for r in starts if returns or _same(where, r, row, sizes)), None)
-            still = np.ptp(where[before : row + 1] / sizes, axis=0).max() < _CLOSED
+            start = next((r for r in starts if returns or _same(h, r, row, _PORTS)), None)
+            still = _same(h, before, slice(before, row + 1), _PORTS)
             if start is not None and not still:
                 names = [n for r, n in open_since if r > start and n] + [name]
                 found.append(_cycle(h, " - ".join(names), start, row))
@@ -97,27 +105,39 @@ def cycles(run: Run) -> list[Cycle]:
 
 
 def _boundaries(run: Run) -> Iterator[tuple[Stage, list[int]]]:
-    """Stages with the rows at which each of their cycles ends."""
-    time = run.history["time_s"].to_numpy()
-    stops = [s["time_s"] for s in run.info.get("stops", ())]
-    begin = 0.0
+    """Stages with the rows at which their cycles end, the last of which may be cut short.
+
+    A stage lasts as long as the rows have its name. Neighbours may share one: then it ends where
+    its duration does, unless it follows a branch, or where a condition ended it.
+    """
+    time, names = run.history["time_s"].to_numpy(), run.history["stage"].to_numpy()
+    stops = {s["step"] for s in run.info.get("stops", ())}
+    last = 0
     for stage in run.config.program:
         if stage.stage == "prestrain":
             continue
-        ends = [begin + stage.duration * (k + 1) for k in range(stage.cycles)]
-        early = [t for t in stops if begin < t < ends[-1] * (1 - 1e-12)]
-        ends = [t for t in ends if not early or t <= early[0]] + early[:1]
-        rows = [int(np.abs(time - t).argmin()) for t in ends if t <= time[-1] * (1 + 1e-9)]
-        yield stage, rows
-        begin = ends[-1]
+        begin, ends = last, time[last] + stage.duration * np.arange(1, stage.cycles + 1)
+        latest = np.inf if stage.follow else ends[-1] * (1 + 1e-12)
+        while last + 1 < len(time) and names[last + 1] == stage.stage and time[last + 1] <= latest:
+            last += 1
+            if last in stops:
+                break
+        if last > begin:
+            within = [t for t in ends[:-1] if t < time[last] * (1 - 1e-12)]
+            yield stage, [*(int(np.abs(time - t).argmin()) for t in within), last]
 
 
-def _returns(port: Any) -> bool:
-    return any(len(knots) > 1 and knots[0] == knots[-1] for _, knots in port.polylines)
+def _driven(stage: Stage) -> list[str]:
+    """Columns of what a stage drives; of the anchor of a spring both of the mount's."""
+    names = [port.given[0] for port in (stage.mount, stage.terminal) if port is not None]
+    return [column for name in names for column in _DRIVEN[name]]
 
 
-def _same(where: Any, a: int, b: int, sizes: Any) -> bool:
-    return bool((np.abs(where[a] - where[b]) <= _CLOSED * sizes).all())
+def _same(history: Any, row: int, others: int | slice, columns: list[str]) -> bool:
+    """Whether columns have the values of a row in other rows too."""
+    values = history[columns].to_numpy()
+    sizes = np.maximum(np.abs(values).max(axis=0), _LEAST)
+    return bool((np.abs(values[others] - values[row]) <= _CLOSED * sizes).all())
 
 
 def _cycle(history: Any, name: str, first: int, last: int) -> Cycle:

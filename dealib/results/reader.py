@@ -71,7 +71,8 @@ class Run:
         if not path.is_file():
             raise ConfigError(f"{self.directory}: no step has converged yet")
         text = path.read_text(encoding="utf-8")
-        return pd.read_csv(io.StringIO(text[: text.rfind("\n") + 1]))  # whole lines
+        whole = text[: text.rfind("\n") + 1]  # lines
+        return pd.read_csv(io.StringIO(whole), converters={"stage": str})  # even if it is "NA"
 
     @cached_property
     def config(self) -> Config:
