@@ -463,6 +463,9 @@ def test_broken_run_directory(dealib, tmp_path):
     assert dealib("info", ".") == (2, "", said)
 
 
+CLAMPS = "  clamps: {width: 2 mm, height: 1.5 mm}\n"
+DEVICE = BASE.replace("mesh:\n", CLAMPS + "mesh:\n")  # with all regions
+
 GMSH = """\
 $MeshFormat
 2.2 0 8
@@ -496,36 +499,59 @@ def mixed(text):
     return text.replace("$EndElements", extra + "$EndElements")
 
 
+# (what, change of the mesh's text, texts in the config and their replacements, message)
 MESHES = [
-    ("no mesh", lambda good: "hello", "Gmsh cannot read it: "),
-    ("without the names", lambda good: GMSH,
-     "no physical group named film, top_electrode, bottom_electrode, inner, outer, film_top, "
-     "film_bottom; the geometry of the config asks for them, the file has: rubber"),
-    ("mixed cells", mixed, "all cells must be 4-node quadrilaterals, or all 3-node triangles"),
-    ("wrong extents", lambda good: good,
+    ("no mesh", lambda good: "hello", {}, "Gmsh cannot read it: "),
+    ("without the names", lambda good: GMSH, {},
+     "no physical group named film, top_electrode, bottom_electrode, mount_block, frame_block, "
+     "air, inner, outer, film_top, film_bottom, axis_air, outer_air, top_air, bottom_air; the "
+     "geometry of the config asks for them, the file has: rubber\n"),
+    ("another name", lambda good: good.replace('"mount_block"', '"centre"'), {CLAMPS: ""},
+     "it has a surface 'centre'; known are film, top_electrode, bottom_electrode, air, "
+     "mount_block, frame_block\n"),
+    ("mixed cells", mixed, {},
+     "all cells must be 4-node quadrilaterals, or all 3-node triangles\n"),
+    ("another extent", str, {"12 mm": "13 mm"},
      "the film spans R = 8..12, Z = -0.015..0.015 mm, but the geometry of the config says "
-     "R = 8..13, Z = -0.015..0.015 mm"),
+     "R = 8..13, Z = -0.015..0.015 mm\n"),
+    ("thinner electrodes", str, {"10 um": "20 um"},
+     "top_electrode ends at Z = 0.025 mm, but geometry.electrode_thickness of the config says "
+     "Z = 0.035 mm\n"),
+    ("electrodes for none", str, {"10 um": "0 um"},
+     "it has 'bottom_electrode', but geometry.electrode_thickness says that there is none\n"),
+    ("air for none", str, {"  air_height: 6 mm\n": ""},
+     "it has 'air', but geometry.air_height says that there is none\n"),
+    ("higher air", str, {"6 mm": "5 mm"},
+     "air ends at Z = -6 mm, but geometry.air_height of the config says Z = -5 mm\n"),
+    ("clamps for none", str, {CLAMPS: ""},
+     "it has 'mount_block', but geometry.clamps says that there is none\n"),
+    ("wider clamps", str, {"width: 2 mm": "width: 1 mm"},
+     "mount_block ends at R = 6 mm, but geometry.clamps.width of the config says R = 7 mm\n"),
+    ("higher clamps", str, {"height: 1.5 mm": "height: 1 mm"},
+     "mount_block ends at Z = -1.5 mm, but geometry.clamps.height of the config says Z = -1 mm\n"),
 ]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def good_mesh(tmp_path_factory):
-    """Text of a mesh that fits the strips of BASE."""
+    """Text of a mesh that fits DEVICE."""
     from dealib.config import load
     from dealib.geometry import model
 
     folder = tmp_path_factory.mktemp("mesh")
-    (folder / "case.yaml").write_text(BASE.replace("  air_height: 6 mm\n", ""))
+    (folder / "case.yaml").write_text(DEVICE)
     model.write(load(folder / "case.yaml").config, folder / "good.msh")
     return (folder / "good.msh").read_text()
 
 
-@pytest.mark.parametrize(("change", "expected"), [m[1:] for m in MESHES],
+@pytest.mark.parametrize(("change", "edits", "expected"), [m[1:] for m in MESHES],
                          ids=[m[0] for m in MESHES])  # fmt: skip
-def test_bad_mesh_file(dealib, tmp_path, good_mesh, change, expected):
-    outer = "13 mm" if "spans" in expected else "12 mm"
-    text = BASE.replace("  air_height: 6 mm\n", "").replace("12 mm", outer)
-    (tmp_path / "case.yaml").write_text(text.replace("columns: 8", "file: mine.msh"))
+def test_bad_mesh_file(dealib, tmp_path, good_mesh, change, edits, expected):
+    text = DEVICE.replace("columns: 8", "file: mine.msh")
+    for old, new in edits.items():
+        assert old in text
+        text = text.replace(old, new, 1)
+    (tmp_path / "case.yaml").write_text(text)
     (tmp_path / "mine.msh").write_text(change(good_mesh))
     old = tmp_path / "out"
     old.mkdir()
