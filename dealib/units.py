@@ -77,7 +77,7 @@ def parse(text: object, dimension: str) -> float:
     if isinstance(text, bool) or not isinstance(text, (str, int, float)):
         kinds = {type(None): "nothing", dict: "a mapping", list: "a list", bool: str(text).lower()}
         raise ValueError(f"{wanted}, not {kinds.get(type(text), type(text).__name__)}")
-    number = _NUMBER.match(str(text))
+    number = _NUMBER.match(_ascii(text))
     if number is None:
         raise ValueError(f"{wanted}; {str(text)!r} does not start with a number")
     given = str(text)[number.end() :].strip()
@@ -116,13 +116,34 @@ def factor(given: str, unit: str) -> float:
     return _factor(given, unit, f"expected a unit such as '{unit}'")
 
 
+def convert(amount: tuple[float, str], unit: str) -> float:
+    """An amount as of `split` in another unit; an empty unit is that of plain numbers.
+
+    Raises:
+        ValueError: If it has no unit and needs one, or one of another dimension.
+    """
+    value, given = amount
+    if given == unit:
+        return value
+    if not given:
+        raise ValueError(f"expected a unit such as '{unit}'; '{value:g}' has no unit")
+    if not unit:
+        raise ValueError(f"expected a plain number; '{value:g} {given}' has a unit")
+    return value * factor(given, unit)
+
+
+def _ascii(text: object) -> str:
+    """The text with the typographic minus as a plain one, of the same length."""
+    return str(text).replace("\u2212", "-")
+
+
 def split(text: object) -> tuple[float, str]:
     """Number and unit of a quantity of any dimension; no unit is an empty text.
 
     Raises:
         ValueError: If it does not start with a number.
     """
-    number = _NUMBER.match(str(text))
+    number = _NUMBER.match(_ascii(text))
     if isinstance(text, bool) or number is None:
         raise ValueError(f"expected a number, with its unit if it has one, not {text!r}")
     return float(number.group()), str(text)[number.end() :].strip()
@@ -142,7 +163,7 @@ def _quantity(dimension: str) -> Any:
         WithJsonSchema(
             {
                 "type": "string",
-                "pattern": r"^\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*\S+",
+                "pattern": r"^\s*[-−+]?(\d+\.?\d*|\.\d+)([eE][-−+]?\d+)?\s*\S+",
                 "dimension": dimension,
                 "examples": [example],
             }

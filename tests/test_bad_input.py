@@ -104,12 +104,19 @@ EDITS = [
     ("unknown choice", "columns: 8", "grading: end",
      "9:12: mesh.grading: 'end' is not allowed; did you mean 'ends'?", "end"),
     ("permittivity", "permittivity: 3.0", "permittivity: -3",
-     "14:28: materials.film.relative_permittivity: must be above 0, not -3", "-3"),
+     "14:28: materials.film.relative_permittivity: must be at least 1, not -3", "-3"),
     ("permittivity by stretch", "permittivity: 3.0", "permittivity: {intercept: 3, slop: -1}",
      "14:43: materials.film.relative_permittivity.slop: unknown key; did you mean 'slope'?",
      "slop"),
     ("permittivity that vanishes", "permittivity: 3.0", "permittivity: {intercept: 1, slope: -1}",
-     "14:28: materials.film.relative_permittivity: not above 0 at the stretch 1", "{intercept"),
+     "14:28: materials.film.relative_permittivity: must be at least 1, that of vacuum; it is 0 at "
+     "the stretch 1", "{intercept"),
+    ("permittivity below 1 as mounted", "permittivity: 3.0",
+     "permittivity: {intercept: 2, slope: -0.95}",
+     "14:28: materials.film.relative_permittivity: must be at least 1, that of vacuum; it is 0.955 "
+     "at the stretch 1.1", "{intercept"),
+    ("permittivity below that of vacuum", "permittivity: 3.0", "permittivity: 0.5",
+     "14:28: materials.film.relative_permittivity: must be at least 1, not 0.5", "0.5"),
     ("no permittivity", "permittivity: 3.0", "permittivity: high",
      "14:28: materials.film.relative_permittivity: expected a number, not 'high'", "high"),
     ("pre-stretch of three", "prestretch: 1.1", "prestretch: [1.1, 1.2, 1.3]",
@@ -185,6 +192,21 @@ EDITS = [
      "law: mooney_rivlin\n    c10: 1 MPa\n    c01: -1 MPa\n    bulk_modulus: 50 MPa",
      "19:10: materials.electrode.c01: c10 + c01 must be positive: it is half the shear modulus at "
      "rest", "-1 MPa"),
+    ("modulus in millipascal", "youngs_modulus: 1 MPa", "youngs_modulus: 1 mPa",
+     "13:21: materials.film.youngs_modulus: a shear modulus of 3.333e-10 MPa is none of a solid "
+     "(10 Pa to 10 TPa); check the unit: MPa is mega, mPa is milli", "1 mPa"),
+    ("a law's modulus in millipascal", "neo_hookean\n    youngs_modulus: 3 MPa",
+     "yeoh\n    c10: 1 mPa\n    bulk_modulus: 50 MPa",
+     "18:10: materials.electrode.c10: a shear modulus of 2e-09 MPa is none of a solid (10 Pa to "
+     "10 TPa); check the unit: MPa is mega, mPa is milli", "1 mPa"),
+    ("bulk modulus in petapascal", "neo_hookean\n    youngs_modulus: 3 MPa",
+     "neo_hookean\n    shear_modulus: 1 MPa\n    bulk_modulus: 5 PPa",
+     "19:19: materials.electrode.bulk_modulus: a bulk modulus of 5e+09 MPa is none of a solid "
+     "(10 Pa to 10 TPa); check the unit: MPa is mega, mPa is milli", "5 PPa"),
+    ("branch in millipascal", "    prestretch: 1.1",
+     "    branches: [{shear_modulus: 20 mPa, relaxation_time: 1 s}]",
+     "15:32: materials.film.branches.0.shear_modulus: a shear modulus of 2e-08 MPa is none of a "
+     "solid (10 Pa to 10 TPa); check the unit: MPa is mega, mPa is milli", "20 mPa"),
     ("no electrode", "  electrode:\n    law: neo_hookean\n    youngs_modulus: 3 MPa\n", "",
      "10:1: materials.electrode: this key is missing, but geometry.electrode_thickness is above "
      "zero", "materials:"),
@@ -225,6 +247,29 @@ EDITS = [
      "21:13: program.1.stage: prestrain can only be the first stage", "prestrain"),
     ("pre-strain with an input", "{stage: prestrain}", "{stage: prestrain, mount: {force: 0 N}}",
      "20:31: program.0.mount: a prestrain stage takes no input", "{force"),
+    ("two stages of one name", "stage: actuate", "stage: push",
+     "22:13: program.2.stage: another stage is named 'push'; results are told apart by the name",
+     "push"),
+    ("a negative mass", "displacement: -2 mm", "mass: -30 g",
+     "21:33: program.1.mount.mass: a mass is positive; a pull upwards is a positive force",
+     "-30 g"),
+    ("a negative mass beside others", "displacement: -2 mm", "bias: [{mass: [0 g, -30 g]}]",
+     "21:47: program.1.mount.bias.0.mass.1: a mass is positive; a pull upwards is a positive "
+     "force", "-30 g"),
+    ("a positive negative rate", "displacement: -2 mm",
+     "bias: [{bistable: {rate: 1 N/mm, well: 1 mm, anchor: 0 mm}}]",
+     "21:52: program.1.mount.bias.0.bistable.rate: must be below 0, not '1 N/mm'", "1 N/mm"),
+    ("a force without a unit", "displacement: -2 mm", "force: -0.3",
+     "21:34: program.1.mount.force: expected a force with its unit, such as '-0.3 N'; '-0.3' has "
+     "no unit", "-0.3"),
+    ("a mass in newton", "displacement: -2 mm", "mass: 0.3 N",
+     "21:33: program.1.mount.mass: expected a mass with its unit, such as '20 g'; 'N' is not a "
+     "unit of that kind", "0.3 N"),
+    ("an unknown unit at a port", "[0 V, 2 kV, 0 V]", "2.5 KV",
+     "22:42: program.2.terminal.voltage: expected a voltage with its unit, such as '2.5 kV'; 'KV' "
+     "is no unit", "2.5 KV"),
+    ("an empty polyline", "[0 V, 2 kV, 0 V]", "[]",
+     "22:42: program.2.terminal.voltage: must not be empty", "[]"),
     ("two inputs at a port", "{displacement: -2 mm}", "{displacement: -2 mm, force: 0 N}",
      "21:55: program.1.mount.force: displacement and force exclude each other; give one", "0 N"),
     ("no input at a port", "{displacement: -2 mm}", "{}",
@@ -467,6 +512,9 @@ def test_broken_run_directory(dealib, tmp_path):
     assert dealib("info", ".") == (2, "", said)
 
 
+CLAMPS = "  clamps: {width: 2 mm, height: 1.5 mm}\n"
+DEVICE = BASE.replace("mesh:\n", CLAMPS + "mesh:\n")  # with all regions
+
 GMSH = """\
 $MeshFormat
 2.2 0 8
@@ -500,36 +548,59 @@ def mixed(text):
     return text.replace("$EndElements", extra + "$EndElements")
 
 
+# (what, change of the mesh's text, texts in the config and their replacements, message)
 MESHES = [
-    ("no mesh", lambda good: "hello", "Gmsh cannot read it: "),
-    ("without the names", lambda good: GMSH,
-     "no physical group named film, top_electrode, bottom_electrode, inner, outer, film_top, "
-     "film_bottom; the geometry of the config asks for them, the file has: rubber"),
-    ("mixed cells", mixed, "all cells must be 4-node quadrilaterals, or all 3-node triangles"),
-    ("wrong extents", lambda good: good,
+    ("no mesh", lambda good: "hello", {}, "Gmsh cannot read it: "),
+    ("without the names", lambda good: GMSH, {},
+     "no physical group named film, top_electrode, bottom_electrode, mount_block, frame_block, "
+     "air, inner, outer, film_top, film_bottom, axis_air, outer_air, top_air, bottom_air; the "
+     "geometry of the config asks for them, the file has: rubber\n"),
+    ("another name", lambda good: good.replace('"mount_block"', '"centre"'), {CLAMPS: ""},
+     "it has a surface 'centre'; known are film, top_electrode, bottom_electrode, air, "
+     "mount_block, frame_block\n"),
+    ("mixed cells", mixed, {},
+     "all cells must be 4-node quadrilaterals, or all 3-node triangles\n"),
+    ("another extent", str, {"12 mm": "13 mm"},
      "the film spans R = 8..12, Z = -0.015..0.015 mm, but the geometry of the config says "
-     "R = 8..13, Z = -0.015..0.015 mm"),
+     "R = 8..13, Z = -0.015..0.015 mm\n"),
+    ("thinner electrodes", str, {"10 um": "20 um"},
+     "top_electrode ends at Z = 0.025 mm, but geometry.electrode_thickness of the config says "
+     "Z = 0.035 mm\n"),
+    ("electrodes for none", str, {"10 um": "0 um"},
+     "it has 'bottom_electrode', but geometry.electrode_thickness says that there is none\n"),
+    ("air for none", str, {"  air_height: 6 mm\n": ""},
+     "it has 'air', but geometry.air_height says that there is none\n"),
+    ("higher air", str, {"6 mm": "5 mm"},
+     "air ends at Z = -6 mm, but geometry.air_height of the config says Z = -5 mm\n"),
+    ("clamps for none", str, {CLAMPS: ""},
+     "it has 'mount_block', but geometry.clamps says that there is none\n"),
+    ("wider clamps", str, {"width: 2 mm": "width: 1 mm"},
+     "mount_block ends at R = 6 mm, but geometry.clamps.width of the config says R = 7 mm\n"),
+    ("higher clamps", str, {"height: 1.5 mm": "height: 1 mm"},
+     "mount_block ends at Z = -1.5 mm, but geometry.clamps.height of the config says Z = -1 mm\n"),
 ]  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def good_mesh(tmp_path_factory):
-    """Text of a mesh that fits the strips of BASE."""
+    """Text of a mesh that fits DEVICE."""
     from dealib.config import load
     from dealib.geometry import model
 
     folder = tmp_path_factory.mktemp("mesh")
-    (folder / "case.yaml").write_text(BASE.replace("  air_height: 6 mm\n", ""))
+    (folder / "case.yaml").write_text(DEVICE)
     model.write(load(folder / "case.yaml").config, folder / "good.msh")
     return (folder / "good.msh").read_text()
 
 
-@pytest.mark.parametrize(("change", "expected"), [m[1:] for m in MESHES],
+@pytest.mark.parametrize(("change", "edits", "expected"), [m[1:] for m in MESHES],
                          ids=[m[0] for m in MESHES])  # fmt: skip
-def test_bad_mesh_file(dealib, tmp_path, good_mesh, change, expected):
-    outer = "13 mm" if "spans" in expected else "12 mm"
-    text = BASE.replace("  air_height: 6 mm\n", "").replace("12 mm", outer)
-    (tmp_path / "case.yaml").write_text(text.replace("columns: 8", "file: mine.msh"))
+def test_bad_mesh_file(dealib, tmp_path, good_mesh, change, edits, expected):
+    text = DEVICE.replace("columns: 8", "file: mine.msh")
+    for old, new in edits.items():
+        assert old in text
+        text = text.replace(old, new, 1)
+    (tmp_path / "case.yaml").write_text(text)
     (tmp_path / "mine.msh").write_text(change(good_mesh))
     old = tmp_path / "out"
     old.mkdir()
@@ -602,6 +673,11 @@ def test_light_commands_import_nothing_heavy():
             assert heavy.strip() == "set()"
             best = min(best, float(seconds))
         assert best < limit
+
+
+def test_typographic_minus_is_a_minus(tmp_path):
+    (tmp_path / "case.yaml").write_text(BASE.replace("-2 mm", "\u22122e\u22123 m"))
+    assert load(tmp_path / "case.yaml").config.program[1].mount.displacement == (-2.0,)
 
 
 def test_usual_units_are_those_of_pint():

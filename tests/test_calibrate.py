@@ -196,6 +196,21 @@ def test_cases_that_do_not_converge_are_stepped_around(tmp_path):
         ("min: 100 kPa", "min: 100 kV",
          "4:54: parameters.materials.film.youngs_modulus.min: expected a unit such as 'MPa'; 'kV' "
          "is not a unit of that kind"),
+        ("start: 1 MPa", "start: 1.5 N",
+         "4:42: parameters.materials.film.youngs_modulus.start: expected a unit such as 'kPa'; 'N' "
+         "is not a unit of that kind"),
+        ("start: 1 MPa", "start: 1.5",
+         "4:42: parameters.materials.film.youngs_modulus.start: expected a unit such as 'kPa'; "
+         "'1.5' has no unit"),
+        ("min: 100 kPa", "min: 0.1",
+         "4:54: parameters.materials.film.youngs_modulus.min: expected a unit such as 'MPa'; '0.1' "
+         "has no unit"),
+        ("max: 10 MPa", "max: 10",
+         "4:68: parameters.materials.film.youngs_modulus.max: expected a unit such as 'kPa'; '10' "
+         "has no unit"),
+        ("max: 9", "max: 9 MPa",
+         "5:65: parameters.materials.film.relative_permittivity.max: expected a plain number; "
+         "'9 MPa' has a unit"),
         ("start: 2,", "start: 12,",
          "5:49: parameters.materials.film.relative_permittivity.start: the start must lie between "
          "min and max"),
@@ -230,6 +245,8 @@ def test_bad_fit(tmp_path, old, new, expected):
     [
         ("{force: 10 mN}", "{force: 10 mm}",
          "8:20: data.0.sigma.force: expected a unit such as 'N'; 'mm' is not a unit of that kind"),
+        ("{force: 10 mN}", "{force: 10}",
+         "8:20: data.0.sigma.force: expected a unit such as 'N'; '10' has no unit"),
         ("{force: 10 mN}", "{force: 0 mN}", "8:20: data.0.sigma.force: must be above 0"),
         ("{force: 10 mN}", "{farce: 1 N}",
          "8:13: data.0.sigma.farce: no curve of this file; it has force"),

@@ -151,6 +151,27 @@ def test_mesh_of_another_size_is_refused(tmp_path):
         pass
 
 
+def test_electrodes_that_are_thinner_in_the_middle_are_taken(tmp_path):
+    """Only extents are compared: the shape in between is the user's."""
+    same = {"geometry__air_height": "0 mm", "mesh__columns": 8}
+    with gmsh_model(case("benchmark_strip_air", **same).config) as session:
+        for tag, xyz in zip(*_nodes(session.model.mesh), strict=True):
+            beyond = max(abs(xyz[1]) - 0.015, 0)
+            thinner = 0.5 * beyond * (1 - ((xyz[0] - 10.35) / 2) ** 2)
+            session.model.mesh.setNode(tag, [xyz[0], xyz[1] - np.copysign(thinner, xyz[1]), 0], [])
+        session.write(str(tmp_path / "m.msh"))
+    with gmsh_model(
+        case("benchmark_strip_air", mesh__file=str(tmp_path / "m.msh"), **same).config
+    ) as own:
+        electrode = area(cells_of(own.model)["top_electrode"]).sum()
+    assert 0.65 < electrode / (4 * 0.010) < 0.68  # 1 - 1/2 (1 - 1/3) = 2/3 of the full one
+
+
+def _nodes(mesh):
+    tags, xyz, _ = mesh.getNodes()
+    return tags, xyz.reshape(-1, 3)
+
+
 def test_gmsh_is_closed_after_an_error(tmp_path):
     (tmp_path / "m.msh").write_text("no mesh")
     config = case("benchmark_strip_air", mesh__file=str(tmp_path / "m.msh")).config

@@ -14,12 +14,21 @@ from dealib.config.schema import Name
 from dealib.config.section import Section
 from dealib.config.source import Source
 from dealib.errors import ConfigError, ValueAt
-from dealib.units import factor, split
+from dealib.units import convert, split
 
 if TYPE_CHECKING:
     Amount: TypeAlias = tuple[float, str]
 else:
     Amount = Annotated[tuple[float, str], BeforeValidator(split)]
+
+
+def _fault(amount: tuple[float, str], unit: str) -> str:
+    """Why an amount cannot be had in a unit; empty if it can."""
+    try:
+        convert(amount, unit)
+    except ValueError as error:
+        return str(error)
+    return ""
 
 
 class Parameter(Section):
@@ -37,21 +46,16 @@ class Parameter(Section):
     @property
     def range(self) -> tuple[float, float]:
         """Bounds in that unit."""
-        return self._number("min"), self._number("max")
-
-    def _number(self, name: str) -> float:
-        value, unit = getattr(self, name)
-        if unit == self.unit:
-            return float(value)
-        return float(value) * factor(unit or "dimensionless", self.unit or "dimensionless")
+        return convert(self.min, self.unit), convert(self.max, self.unit)
 
     @model_validator(mode="after")
     def _ordered(self) -> Parameter:
-        for name in ("min", "max"):
-            try:
-                self._number(name)
-            except ValueError as error:
-                raise ValueAt((name,), str(error)) from None
+        """Bounds and start in units of one kind; of three the odd one out is wrong."""
+        odd, kind = "start", self.min[1]
+        if _fault(self.max, kind):
+            odd, kind = ("min", self.unit) if not _fault(self.max, self.unit) else ("max", kind)
+        if fault := _fault(getattr(self, odd), kind):
+            raise ValueAt((odd,), fault)
         low, high = self.range
         if not low < self.start[0] < high:
             raise ValueAt(("start",), "the start must lie between min and max")
@@ -179,7 +183,7 @@ class Plan:
             return 0.01 * spread
         where = ("data", index, "sigma", quantity)
         try:
-            value = given[0] * factor(given[1] or "dimensionless", unit or "dimensionless")
+            value = convert(given, unit)
         except ValueError as error:
             raise ConfigError(self.source.message(where, str(error))) from None
         if not (value > 0 and math.isfinite(value)):

@@ -8,21 +8,32 @@ from __future__ import annotations
 
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeAlias
 
-from pydantic import Field, TypeAdapter, ValidationError, model_validator
+from pydantic import AfterValidator, Field, TypeAdapter, ValidationError, model_validator
 
 from dealib.config.messages import problem
 from dealib.config.section import OneOf, Section
 from dealib.errors import ValueAt
 from dealib.units import Force, Length, Mass, Stiffness, list_of
 
+
+def _no_pull(mass: float) -> float:
+    if mass < 0:
+        raise ValueError("a mass is positive; a pull upwards is a positive force")
+    return mass
+
+
 if TYPE_CHECKING:
     Lengths: TypeAlias = tuple[float, ...]
     Forces: TypeAlias = tuple[float, ...]
     Masses: TypeAlias = tuple[float, ...]
 else:
-    Lengths, Forces, Masses = list_of(Length), list_of(Force), list_of(Mass)
+    Lengths, Forces, Masses = (
+        list_of(Length),
+        list_of(Force),
+        list_of(Annotated[Mass, AfterValidator(_no_pull)]),
+    )
 
 
 class Load(Protocol):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import BaseModel, BeforeValidator, Field, create_model, model_validator
@@ -24,6 +25,10 @@ def _pair(value: object) -> object:
         raise ValueError("expected a number such as 1.15, or two: [radial, hoop]")
     return [value, value]
 
+
+# MPa: the weakest gels and greases have about 100 Pa, diamond 1 TPa; bulk moduli that stand for
+# incompressibility may be above any real one
+_SOFTEST, _HARDEST = 1e-5, 1e7
 
 Stretch = Annotated[float, Field(ge=0.5, le=10)]
 
@@ -121,6 +126,15 @@ def _or_named(node: dict[str, Any]) -> None:
     )
 
 
+def _moduli(material: Law) -> Iterator[tuple[tuple[str | int, ...], str, float]]:
+    """Where moduli are given, what they are, and their values, MPa."""
+    by = None if material.youngs_modulus is None else "youngs_modulus"
+    yield (by or material.names()[0],), "shear", material.shear_modulus_at_rest
+    yield (by or "bulk_modulus",), "bulk", material.parameters["bulk_modulus"]
+    for i, branch in enumerate(getattr(material, "branches", ())):
+        yield ("branches", i, "shear_modulus"), "shear", branch.shear_modulus
+
+
 class Materials(Section):
     """Materials by region."""
 
@@ -132,6 +146,19 @@ class Materials(Section):
         description="of both electrodes; needed if electrode_thickness is above zero",
         json_schema_extra=_or_named,
     )
+
+    @model_validator(mode="after")
+    def _plausible(self) -> Materials:
+        for region in ("film", "electrode"):
+            material = getattr(self, region)
+            for where, name, modulus in () if material is None else _moduli(material):
+                if not _SOFTEST <= modulus <= _HARDEST:
+                    raise ValueAt(
+                        (region, *where),
+                        f"a {name} modulus of {modulus:.4g} MPa is none of a solid (10 Pa to "
+                        "10 TPa); check the unit: MPa is mega, mPa is milli",
+                    )
+        return self
 
     @model_validator(mode="after")
     def _possible(self) -> Materials:
@@ -146,8 +173,10 @@ class Materials(Section):
                 "the film free of stress across",
             )
         for stretch in (1.0, (radial * hoop) ** 0.5):
-            if self.film.permittivity.at(stretch) <= 0:
+            if (value := self.film.permittivity.at(stretch)) < 1:
                 raise ValueAt(
-                    ("film", "relative_permittivity"), f"not above 0 at the stretch {stretch:.4g}"
+                    ("film", "relative_permittivity"),
+                    f"must be at least 1, that of vacuum; it is {value:.4g} at the stretch "
+                    f"{stretch:.4g}",
                 )
         return self

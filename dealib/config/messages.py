@@ -49,8 +49,11 @@ def validate(model: type[Model], source: Source) -> Model:
         return model.model_validate(tree)
     except ValidationError as error:
         found: dict[str, None] = {}
-        misspelt = [item for item in error.errors() if item["type"] == "extra_forbidden"]
-        for item in error.errors():
+        errors = error.errors()
+        misspelt = [item for item in errors if item["type"] == "extra_forbidden"]
+        for item in errors:
+            if item["type"] == "too_short" and any(_within(i["loc"], item["loc"]) for i in errors):
+                continue  # it is short of its wrong items only
             if item["type"] == "missing" and any(_meant(m, item["loc"], model) for m in misspelt):
                 continue  # it is there under a misspelt name
             where = _in_file(item, tree)
@@ -58,6 +61,10 @@ def validate(model: type[Model], source: Source) -> Model:
             said = problem({**item, "input": _given(tree, where, item)}, model)
             found[source.message(where, said, at)] = None
         raise ConfigError("\n".join(found)) from None
+
+
+def _within(loc: Loc, other: Loc) -> bool:
+    return len(loc) > len(other) and loc[: len(other)] == other
 
 
 def _given(tree: Any, where: Loc, item: Mapping[str, Any]) -> Any:

@@ -9,13 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from dealib.config.schema import Config
 from dealib.errors import ConfigError, PlatformError
-from dealib.geometry import annular_strips, names
-
-_QUAD, _TRIANGLE = 3, 2  # Gmsh's element types
+from dealib.geometry import annular_strips, own_mesh
 
 
 @contextmanager
@@ -91,34 +87,4 @@ def _read(gmsh: Any, config: Config) -> None:
     except Exception:  # gmsh raises plain Exception
         reason = gmsh.logger.getLastError() or "unknown format"
         raise ConfigError(f"mesh.file {path}: Gmsh cannot read it: {reason}") from None
-    model = gmsh.model
-    found = {model.getPhysicalName(d, t): d for d, t in model.getPhysicalGroups()}
-    missing = [n for n, d in names.expected(config.geometry).items() if found.get(n) != d]
-    if missing:
-        raise ConfigError(
-            f"mesh.file {path}: no physical group named {', '.join(missing)}; the geometry of the "
-            f"config asks for them, the file has: {', '.join(sorted(found)) or 'none'}"
-        )
-    kinds = set(map(int, model.mesh.getElements(2)[0]))
-    if kinds not in ({_QUAD}, {_TRIANGLE}):
-        raise ConfigError(
-            f"mesh.file {path}: all cells must be 4-node quadrilaterals, or all 3-node triangles"
-        )
-    g = config.geometry
-    nodes = np.concatenate(
-        [
-            model.mesh.getNodes(2, s, includeBoundary=True)[1].reshape(-1, 3)
-            for _, t in model.getPhysicalGroups(2)
-            if model.getPhysicalName(2, t) == names.FILM
-            for s in model.getEntitiesForPhysicalGroup(2, t)
-        ]
-    )
-    half = g.film_thickness / 2
-    wanted = np.array([[g.inner_radius, -half], [g.outer_radius, half]])
-    got = np.array([nodes[:, :2].min(axis=0), nodes[:, :2].max(axis=0)])
-    if np.abs(got - wanted).max() > 1e-6 * g.outer_radius:
-        raise ConfigError(
-            f"mesh.file {path}: the film spans R = {got[0, 0]:g}..{got[1, 0]:g}, "
-            f"Z = {got[0, 1]:g}..{got[1, 1]:g} mm, but the geometry of the config says "
-            f"R = {wanted[0, 0]:g}..{wanted[1, 0]:g}, Z = {wanted[0, 1]:g}..{wanted[1, 1]:g} mm"
-        )
+    own_mesh.check(gmsh.model, str(path), config.geometry)

@@ -132,6 +132,13 @@ class Law(BaseModel):
         return SimpleNamespace(**self.parameters)
 
     @property
+    def shear_modulus_at_rest(self) -> float:
+        """Shear modulus at small strain, MPa: W = 2 G e^2 in pure shear by the stretch exp(e)."""
+        strain = 1e-3
+        sheared = invariants_of_stretches(np.exp(strain), np.exp(-strain), 1.0)
+        return float(self.energy(sheared, self.values)) / (2 * strain**2)
+
+    @property
     def words(self) -> str:
         """The parameters in words, such as 'c10 0.25 MPa, c01 -0.05 MPa'."""
 

@@ -29,7 +29,7 @@ def _kind(value: object) -> str:
 
 
 RelativePermittivity = Annotated[
-    Annotated[float, Field(gt=0), Tag("number")]
+    Annotated[float, Field(ge=1), Tag("number")]
     | Annotated[StretchPermittivity, Tag("by stretch")],
     Discriminator(_kind),
 ]
