@@ -244,11 +244,6 @@ class Config(Section):
         for i, stage in enumerate(self.program[1:], start=1):
             if stage.stage == "prestrain":
                 raise ValueAt(("program", i, "stage"), "prestrain can only be the first stage")
-            if stage.stage in (s.stage for s in self.program[:i]):
-                raise ValueAt(
-                    ("program", i, "stage"),
-                    f"another stage is named {stage.stage!r}; results are told apart by the name",
-                )
         first = self.program[0]
         for port in ("mount", "terminal"):
             if first.stage == "prestrain" and getattr(first, port) is not None:

@@ -17,7 +17,7 @@ from dealib.errors import NotConverged
 from dealib.fem.compat import DIVERGED_NAN, free
 from dealib.fem.constraints import FIELDS
 from dealib.fem.linear import factorisation_seconds, inertia, set_linear_solver, set_options
-from dealib.fem.problem import Problem, shear_modulus
+from dealib.fem.problem import Problem
 from dealib.fem.system import System, Timings
 
 log = logging.getLogger(__name__)
@@ -83,7 +83,7 @@ class Newton:
         self._tolerance = solver.tolerance * Scales.of(problem).array()
         self._port_tolerance = solver.tolerance
         thickness = problem.config.geometry.film_thickness
-        modulus = shear_modulus(problem.config.materials.film)
+        modulus = problem.config.materials.film.shear_modulus_at_rest
         # mm, kV, mm, MPa
         self._step_tolerance = _STEP * np.array([thickness, 1.0, thickness, modulus])
         self._snes = PETSc.SNES().create(problem.device.comm)

@@ -32,7 +32,7 @@ from dealib.fem.energies import (
 from dealib.fem.kinematics import Axisymmetric
 from dealib.geometry import names
 from dealib.geometry.supports import Support, supports
-from dealib.materials import Law, invariants_of_stretches, thickness_stretch
+from dealib.materials import thickness_stretch
 from dealib.units import EPSILON_0
 
 
@@ -183,7 +183,7 @@ class Problem:
     def force_scale(self) -> float:
         """Characteristic force, N: film modulus times the film's inner cross-section."""
         g, film = self.config.geometry, self.config.materials.film
-        modulus = shear_modulus(film)
+        modulus = film.shear_modulus_at_rest
         return float(2 * np.pi * g.inner_radius * g.film_thickness * modulus)
 
     @property
@@ -198,12 +198,6 @@ class Problem:
 def quadrature_degree(order: int) -> int:
     """Of integrals: 3 x 3 Gauss points on second-order cells, 2 x 2 on first-order."""
     return 2 * order
-
-
-def shear_modulus(law: Law) -> float:
-    """Shear modulus of a law at rest, MPa, from its energy under a small pure shear."""
-    d, p = 1e-3, law.values
-    return float(law.energy(invariants_of_stretches(1 + d, 1 / (1 + d), 1.0), p) / (2 * d**2))
 
 
 def build_problem(config: Config, comm: MPI.Comm, mesh_file: Path | None = None) -> Problem:

@@ -8,7 +8,7 @@ from typing import Any
 
 from dealib.config.follow import PORT_OF, Variable
 from dealib.fem.newton import Newton
-from dealib.fem.problem import Problem, shear_modulus
+from dealib.fem.problem import Problem
 from dealib.fem.system import PortLaw, System
 
 _DUALS = {"force": 1.0, "charge": -1.0}  # sign from dPi/dq to the user's dual
@@ -124,7 +124,7 @@ def size(problem: Problem, name: str) -> float:
     g, film = problem.config.geometry, problem.config.materials.film
     area = math.pi * (g.outer_radius**2 - g.inner_radius**2)
     permittivity = problem.charge_scale * g.film_thickness / area
-    volts = g.film_thickness * math.sqrt(shear_modulus(film) / permittivity)
+    volts = g.film_thickness * math.sqrt(film.shear_modulus_at_rest / permittivity)
     return {
         "displacement": g.outer_radius - g.inner_radius,
         "force": problem.force_scale,
