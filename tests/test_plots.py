@@ -5,6 +5,7 @@ from pathlib import Path
 
 import av
 import numpy as np
+import pandas as pd
 import pytest
 from conftest import case
 from matplotlib.image import imread
@@ -318,3 +319,26 @@ def test_a_run_without_fields_has_curves_and_a_report_only(tmp_path):
     page = Path(invoke("report", run.directory)).read_text(encoding="utf-8")
     assert "No fields are stored" in page
     assert page.count("data:image/png") == 2  # the mesh, light and dark
+
+
+def test_no_stored_state_under_voltage_is_told_not_drawn_as_its_field(tmp_path):
+    """The voltage comes back to zero within rounding, so that the last stored state has none."""
+    small = {"mesh__columns": 8, "mesh__film_rows": 2, "mesh__grading": "ends"}
+    back = "[0 kV, 2 kV, 0 kV]"
+    changes = {"program__2__terminal__voltage": back, "program__2__steps": 4}
+    changes["output__fields"] = "stage"
+    run = dealib.simulate(case("benchmark_strip", **small, **changes), tmp_path / "run")
+    history = pd.read_csv(run.directory / "history.csv")
+    history.loc[16, "voltage_kV"] = -2e-54
+    history.to_csv(run.directory / "history.csv", index=False)
+    run = dealib.open(run.directory)
+    assert run.stored_steps == [0, 12, 16]
+    assert typical_step(run) == 12  # of the largest displacement
+    told = Shape(run, 16).when
+    assert told.endswith("V = 0 kV (no state under voltage was stored)")
+    page = Path(invoke("report", run.directory)).read_text(encoding="utf-8")
+    assert (
+        "No state under voltage was stored, so there is no picture of the electric field." in page
+    )
+    assert "Electric field at the largest voltage" not in page
+    assert "charge on the inner faces" not in page

@@ -9,14 +9,18 @@ from mpi4py import MPI
 
 import h5py
 import numpy as np
+import pandas as pd
 import pytest
 from conftest import CONFIGS, case
+from typer.testing import CliRunner
 
 import dealib
+from dealib.cli.app import app
 from dealib.errors import ConfigError
 from dealib.fem.layout import Layout
 from dealib.fem.problem import build_problem
-from dealib.results import store
+from dealib.results import stages, store
+from dealib.results.summary import actuations
 
 FIRST = [
     *("step", "time_s", "stage", "displacement_mm", "force_N", "voltage_kV", "charge_uC"),
@@ -202,3 +206,45 @@ def test_an_existing_directory_is_kept(strip_run, tmp_path):
         dealib.simulate(case("benchmark_strip"), tmp_path, overwrite=True)
     assert (tmp_path / "precious.txt").read_text() == "mine"
     assert (strip_run.directory / "history.csv").read_bytes() == before
+
+
+def test_stages_of_one_name_are_told_apart_and_the_mount_decides_what_is_told(tmp_path):
+    """Held, led and free mounts under voltage; two stages in a row have one name."""
+    program = (
+        "[{stage: push, mount: {displacement: -1 mm}, steps: 2}, "
+        "{stage: up, terminal: {voltage: 1 kV}, steps: 2}, "
+        "{stage: up, duration: 2 s, terminal: {voltage: 2 kV}, steps: 2}, "
+        "{stage: lead, mount: {displacement: -1.2 mm}}, "
+        "{stage: let go, mount: {force: -0.1 N}, steps: 4}, "
+        "{stage: up, terminal: {voltage: [2 kV, 1 kV, 0 kV]}, steps: 4}, {stage: rest}]"
+    )
+    small = CONFIGS.parent / "tests" / "small.yaml"
+    run = dealib.simulate(dealib.load(small, set={"program": program}), tmp_path / "run")
+    h = run.history
+    F, u = h["force_N"], h["displacement_mm"]
+    number = stages.numbers(h, run.config.program)
+    assert number.tolist() == [0, 0, 0, 1, 1, 2, 2, 3, *[4] * 4, *[5] * 4, 6]
+    one, two, free, three = actuations(run)
+    assert (one.stage, two.stage, free.stage, three.stage) == (
+        "up (1)", "up (2)", "let go", "up (3)"
+    )  # fmt: skip
+    assert (one.stroke, two.stroke) == (None, None)
+    assert one.force_change == pytest.approx(F[4] - F[2])
+    assert two.force_change == pytest.approx(F[6] - F[4])
+    assert (free.force_change, three.force_change) == (None, None)
+    assert free.stroke == pytest.approx(abs(u[8:12] - u[7]).max())
+    assert three.stroke == pytest.approx(abs(u[14] - u[11]))  # the last one under voltage
+    text = CliRunner().invoke(app, ["info", str(run.directory)]).stdout
+    assert f"force change in 'up (2)'  {F[6] - F[4]:.5g} N at up to 2 kV (mount held)" in text
+    assert "'lead'" not in text
+    assert text.count("stroke in") == 2
+
+
+def test_a_stage_ends_early_by_its_condition():
+    program = dealib.load(
+        CONFIGS.parent / "tests" / "small.yaml",
+        set={"program": "[{stage: a, duration: 4 s}, {stage: a, duration: 2 s}]"},
+    ).config.program
+    h = pd.DataFrame({"stage": ["prestrain", "a", "a", "a", "a"], "time_s": [0.0, 1, 2, 3, 4]})
+    assert stages.numbers(h, program).tolist() == [0, 0, 0, 0, 0]
+    assert stages.numbers(h, program, [{"time_s": 2.0}]).tolist() == [0, 0, 0, 1, 1]

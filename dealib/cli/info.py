@@ -21,19 +21,13 @@ def summary(run: Run) -> str:
             ("force on mount", "force_N", "N"),
         )
     ]
-    for a in actuations(h):
-        rows.append(
-            (
-                f"stroke in {a.stage!r}",
-                f"{_clean(a.stroke):.5g} mm at up to {a.peak_voltage:.4g} kV",
-            )
-        )
-        rows.append(
-            (
-                f"force change in {a.stage!r}",
-                f"{_clean(a.force_change):.5g} N (blocking force if held)",
-            )
-        )
+    for a in actuations(run):
+        peak = f"at up to {a.peak_voltage:.4g} kV"
+        if a.stroke is not None:
+            rows.append((f"stroke in {a.stage!r}", f"{_clean(a.stroke):.5g} mm {peak}"))
+        if a.force_change is not None:
+            force = f"{_clean(a.force_change):.5g} N {peak} (mount held)"
+            rows.append((f"force change in {a.stage!r}", force))
     for point in critical_points(h, run.config):
         rows.append((f"{point.name} in {point.stage!r}", point.text))
     c, e = h["capacitance_pF"], h["field_max_MV_per_m"]

@@ -15,6 +15,7 @@ from dealib.geometry import names
 from dealib.results.elements import Array, Cell
 from dealib.results.mesh import ResultMesh
 from dealib.results.reader import Run
+from dealib.results.summary import stored_note, under_voltage
 
 Ints = npt.NDArray[np.int64]
 STRIPS = (names.BOTTOM_ELECTRODE, names.FILM, names.TOP_ELECTRODE)
@@ -42,9 +43,11 @@ def index_of(run: Run, step: int) -> int:
 def typical_step(run: Run) -> int:
     """The stored step of the largest voltage, else of the largest displacement."""
     _check_stored(run)
-    rows = run.history.set_index("step").loc[run.stored_steps]
-    column = "voltage_kV" if (rows["voltage_kV"] != 0).any() else "displacement_mm"
-    return int(rows.index[int(rows[column].abs().argmax())])
+    stored = run.history["step"].isin(run.stored_steps)
+    under = stored & under_voltage(run.history)
+    column, chosen = ("voltage_kV", under) if under.any() else ("displacement_mm", stored)
+    rows = run.history[chosen]
+    return int(rows["step"].iloc[int(rows[column].abs().argmax())])
 
 
 def _check_stored(run: Run) -> None:
@@ -180,9 +183,11 @@ class Shape:
     def when(self) -> str:
         """Step, time and inputs, for titles."""
         r = self.row
+        told = stored_note(self.run)
         return (
             f"step {self.step}, t = {r['time_s']:.4g} s: u = {_zero(r['displacement_mm'])} mm, "
             f"F = {_zero(r['force_N'])} N, V = {_zero(r['voltage_kV'])} kV"
+            + (f" ({told})" if told else "")
         )
 
     def moved(self, magnification: float = 1.0) -> Array:

@@ -13,7 +13,7 @@ from dealib.config.program import Stage
 from dealib.config.schema import Config
 from dealib.results.cycles import cycles
 from dealib.results.reader import Run
-from dealib.results.summary import actuations, critical_points
+from dealib.results.summary import actuations, critical_points, stored_note
 from dealib.results.summary import margins as utilisations
 from dealib.units import write
 
@@ -94,10 +94,10 @@ def headline(run: Run) -> list[tuple[str, str]]:
     """The figures that matter most, value first."""
     h = run.history
     found = [(f"{_number(h['displacement_mm'].abs().max())} mm", "largest displacement")]
-    for a in actuations(h):
-        if a.stroke > 1e-6:
+    for a in actuations(run):
+        if a.stroke is not None:
             found.append((f"{_number(a.stroke)} mm", f"stroke in “{a.stage}”"))
-        if a.force_change > 1e-6:
+        if a.force_change is not None:
             found.append((f"{_number(a.force_change)} N", f"force change in “{a.stage}”"))
     for point in critical_points(h, run.config):
         found.append((f"{_number(point.value)} {point.unit}", f"{point.name} in “{point.stage}”"))
@@ -234,6 +234,8 @@ def warnings(run: Run) -> list[str]:
         )
     if not run.stored_steps:
         found.append("No fields are stored (output.fields: none), so there are no pictures.")
+    elif told := stored_note(run):
+        found.append(f"{told.capitalize()}, so there is no picture of the electric field.")
     return found
 
 

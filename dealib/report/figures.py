@@ -21,6 +21,7 @@ from dealib.plots.quantities import SURFACE_CHARGE, quantity
 from dealib.plots.shape import Shape, typical_step
 from dealib.plots.style import Theme, save, theme
 from dealib.results.reader import Run
+from dealib.results.summary import under_voltage
 
 _MIME = {"svg": "image/svg+xml", "png": "image/png"}
 
@@ -66,10 +67,11 @@ def pictures(run: Run) -> dict[str, Picture]:
     }
     if run.stored_steps:
         shape = Shape(run, typical_step(run))
-        for name in ("E", "S_RR", "S_ZZ"):
+        charged = bool(under_voltage(run.history)[run.history["step"] == shape.step].all())
+        for name in ("E", "S_RR", "S_ZZ")[not charged :]:
             what = quantity(name)
             found[name] = both(partial(contours, shape, what), "png")
-        lines = [SURFACE_CHARGE, quantity("S_RR")]
+        lines = [SURFACE_CHARGE, quantity("S_RR")][not charged :]
         found["profiles"] = both(lambda look: draw_profiles(shape, lines), "svg")
     mesh = run.directory / "mesh.msh"
     if mesh.is_file():

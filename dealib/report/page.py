@@ -12,7 +12,7 @@ from dealib.report import css, facts, figures
 from dealib.results.reader import Run
 
 _CAPTIONS = {
-    "E": "Electric field at the largest voltage.",
+    "E": "Electric field at the largest voltage of a stored state.",
     "S_RR": "Second Piola-Kirchhoff stress, radial.",
     "S_ZZ": "Second Piola-Kirchhoff stress, through the thickness.",
 }

@@ -5,6 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from dealib.results import stages
+
 if TYPE_CHECKING:
     import pandas
 
@@ -12,39 +16,53 @@ if TYPE_CHECKING:
     from dealib.results.reader import Run
 
 
+def under_voltage(history: pandas.DataFrame) -> pandas.Series[bool]:
+    """Whether there is a voltage, row by row, rounding apart."""
+    voltage = history["voltage_kV"].abs()
+    return voltage > 1e-9 * voltage.max()
+
+
+def stored_note(run: Run) -> str:
+    """What to know of the stored steps: there was a voltage, but none is stored; else ''."""
+    under = under_voltage(run.history)
+    stored = run.history["step"].isin(run.stored_steps)
+    return "no state under voltage was stored" if under.any() and not (under & stored).any() else ""
+
+
 @dataclass(frozen=True)
 class Actuation:
     """What the voltage did in one stage, against the state just before it.
 
     Attributes:
-        stage: Name of the stage.
-        stroke: Largest change of the displacement, mm.
-        force_change: Largest change of the force, N: the blocking force if the mount is held.
+        stage: Name of the stage, numbered if there are several of it.
         peak_voltage: kV.
+        stroke: Largest change of the displacement, mm; None where the mount is held.
+        force_change: Largest change of the force on a mount that is held, N; else None.
     """
 
     stage: str
-    stroke: float
-    force_change: float
     peak_voltage: float
+    stroke: float | None = None
+    force_change: float | None = None
 
 
-def actuations(history: pandas.DataFrame) -> list[Actuation]:
-    """One entry for each stage under voltage, in order."""
-    loaded = history[history["voltage_kV"] != 0]
+def actuations(run: Run) -> list[Actuation]:
+    """One entry for each stage under voltage, in order, but where the mount is led somewhere."""
+    h, program = run.history, run.config.program
+    number = stages.numbers(h, program, run.info.get("stops", ()))
+    titles, drives = stages.titles(program), stages.mount_drives(program)
+    under = under_voltage(h).to_numpy()
     found = []
-    for (_, stage), part in loaded.groupby(
-        [loaded["stage"].ne(loaded["stage"].shift()).cumsum(), "stage"]
-    ):
-        before = history.loc[max(part.index[0] - 1, 0)]
-        found.append(
-            Actuation(
-                str(stage),
-                float((part["displacement_mm"] - before["displacement_mm"]).abs().max()),
-                float((part["force_N"] - before["force_N"]).abs().max()),
-                float(part["voltage_kV"].abs().max()),
-            )
-        )
+    for k in np.unique(number[under]):
+        rows = np.flatnonzero(under & (number == k))
+        part = h.iloc[[max(rows[0] - 1, 0), *rows]]
+        at = part[["displacement_mm", "force_N"]].to_numpy()
+        stroke, force = (float(c) for c in np.abs(at - at[0]).max(axis=0))
+        peak = float(part["voltage_kV"].abs().max())
+        if drives[k] not in stages.LED:
+            found.append(Actuation(titles[k], peak, stroke=stroke))
+        elif drives[k] == "displacement" and stroke < 1e-6:
+            found.append(Actuation(titles[k], peak, force_change=force))
     return found
 
 
@@ -53,7 +71,7 @@ class CriticalPoint:
     """A special state of a branch that was followed.
 
     Attributes:
-        stage: Name of the stage.
+        stage: Name of the stage, numbered if there are several of it.
         what: 'limit point' or 'bifurcation'.
         vary: The variable that was set free, such as 'voltage'.
         value: Of it, in its unit.
@@ -90,12 +108,15 @@ def critical_points(history: pandas.DataFrame, config: Config) -> list[CriticalP
     """Limit points and bifurcations of the stages that follow a branch, in order."""
     if "limit_point" not in history:
         return []
-    vary = {s.stage: s.follow.vary for s in config.program if s.follow is not None}
+    program = config.program
+    number, titles = stages.numbers(history, program), stages.titles(program)
     columns = {c.split("_")[0]: c for c in history.columns}
     found = []
     for k in history.index[(history["limit_point"] + history["bifurcation"]) > 0]:
-        row = history.loc[k]
-        name = vary[row["stage"]]
+        row, stage = history.loc[k], number[k]
+        follow = program[stage].follow
+        assert follow is not None
+        name = follow.vary
         column = columns[name]
         modes = history["unstable_modes"]
         limit = bool(row["limit_point"])
@@ -103,7 +124,7 @@ def critical_points(history: pandas.DataFrame, config: Config) -> list[CriticalP
         after = (int(modes[k + 1]) if k + 1 in modes else None) if limit else int(modes[k])
         found.append(
             CriticalPoint(
-                str(row["stage"]),
+                titles[stage],
                 "limit point" if limit else "bifurcation",
                 name,
                 float(row[column]),
