@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from dealib.config.schema import Config
 from dealib.materials.laws import Law, invariants_of_stretches
-from dealib.materials.response import MODES, curvature, stability_limit, stiffness
+from dealib.materials.response import curvature, softens, stiffness
 from dealib.results import local
 from dealib.results.elements import Array
 from dealib.results.mesh import ResultMesh
@@ -44,9 +44,8 @@ class Film:
         assert law is not None
         stress = np.diag(local.second_pk(law, np.eye(3), material.prestretch))  # mounted: F = I
         rest = float(stiffness(law, 1.0, 1.0))
-        softens = any(np.isfinite(stability_limit(law, mode)) for mode in MODES)
         mounted = float(min(stress[0], stress[2]))
-        return cls(material, mounted if mounted > 1e-9 * rest else rest / 2, rest, softens)
+        return cls(material, mounted if mounted > 1e-9 * rest else rest / 2, rest, softens(law))
 
     @property
     def law(self) -> Law:
