@@ -303,6 +303,23 @@ EDITS = [
     ("condition on a limit that is not set", "program:",
      "stop_when: [breakdown_use > 1]\nprogram:",
      "19:13: stop_when.0: breakdown_use needs limits.breakdown_strength", "breakdown_use"),
+    *((f"condition on {column}", "-2 mm}, steps: 2", f"-2 mm}}, stop_when: [{column} > {value}]",
+       f"21:61: program.1.stop_when.0: {column} needs {need}", column)
+      for column, value, need in (
+          ("stretch_use", "1", "limits.stretch_max"),
+          ("stability_use", "1", "a film that can lose its stiffness, such as mooney_rivlin with "
+           "c01 below 0"),
+          ("locking_use", "0.9", "a film whose law locks: gent or arruda_boyce"),
+          ("differential_capacitance_pF", "1 pF", "sensing.differential: true"),
+          ("blocked_capacitance_pF", "1 pF", "sensing.differential: true"),
+          ("mount_stiffness_N_per_mm", "1 N/mm", "sensing.differential: true"),
+          ("electrode_resistance_kohm", "1 kohm", "sensing.sheet_resistance"),
+          ("rc_time_us", "1 us", "sensing.sheet_resistance"),
+          ("dissipated_energy_mJ", "1 mJ", "Maxwell branches, such as materials.film.branches"),
+          ("dissipated_power_mW", "1 mW", "Maxwell branches, such as materials.film.branches"),
+          ("unstable_modes", "0", "a stage with follow"),
+          ("limit_point", "0", "a stage with follow"),
+          ("bifurcation", "0", "a stage with follow"))),
     ("condition of the pre-strain", "{stage: prestrain}",
      "{stage: prestrain, stop_when: [force_N < -1 N]}",
      "20:35: program.0.stop_when: a prestrain stage always comes to its end", "["),

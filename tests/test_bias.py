@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from dataclasses import replace
 from itertools import pairwise
 
@@ -12,7 +13,7 @@ from typer.testing import CliRunner
 
 import dealib
 from dealib.cli.app import app
-from dealib.config.bias import Bistable, Sampled, Spring, Table
+from dealib.config.bias import Bistable, Sampled, SecondFilm, Spring, Table, second_device
 from dealib.config.program import MountInput
 from dealib.errors import ConfigError
 from dealib.program.bias_chart import chart
@@ -187,6 +188,32 @@ def test_a_second_film_of_its_own():
     assert 0 < stroke < 0.2534838
 
 
+NEO = {"law": "neo_hookean", "youngs_modulus": "1 MPa"}
+VHB = {"library": "vhb_4910"}
+STIFF, GENT = {"youngs_modulus": "2 MPa"}, {"law": "gent", "j_lim": 50}
+MODULI = {"shear_modulus": "1 MPa", "bulk_modulus": "40 MPa"}
+
+
+@pytest.mark.parametrize(
+    ("given", "changes", "wanted"),
+    [
+        (NEO, STIFF, NEO | STIFF),
+        (NEO, STIFF | GENT, STIFF | GENT),
+        (NEO, MODULI | GENT, MODULI | GENT),
+        (NEO, VHB, VHB),
+        (VHB, STIFF, VHB | STIFF),
+        (VHB, NEO, NEO),
+    ],
+)
+def test_a_second_film_of_other_stiffness_law_or_library(given, changes, wanted):
+    """What is set takes the place of what it rules, as if the film had been written so."""
+    same = {"relative_permittivity": 4.03, "prestretch": 1.108}
+    film = SecondFilm(distance="4 mm", set={f"materials.film.{k}": v for k, v in changes.items()})
+    config = case(CONE, materials__film=given | same).config
+    found = second_device(config, film).materials.film
+    assert found == case(CONE, materials__film=wanted | same).config.materials.film
+
+
 def test_leaving_a_table_is_a_warning(tmp_path):
     table = "{displacement: [-0.5 mm, 0.5 mm], force: [0.05 N, -0.05 N], anchor: -1 mm}"
     program = (
@@ -213,11 +240,25 @@ def test_leaving_a_table_is_a_warning(tmp_path):
         ("{film: {distance: 0 mm}}", "must be above 0 mm somewhere"),
         ("{film: {distance: 4 mm, set: {mesh.columns: 2}}}", "mesh.columns: only keys such as"),
         ("{film: {distance: 4 mm, set: {geometry.outer_radius: 2 mm}}}",
-         "geometry: 2 mm must exceed inner_radius"),
+         "set: geometry.outer_radius: 2 mm must exceed inner_radius (6.11 mm)"),
+        ("{film: {distance: 4 mm, set: {materials.film.law: gent}}}",
+         "set: materials.film.law: gent needs shear_modulus and j_lim and bulk_modulus, or "
+         "youngs_modulus and j_lim"),
+        ("{film: {distance: 4 mm, set: {materials.film.law: gent, "
+         "materials.film.youngs_modulus: 1 MPa}}}",
+         "set: materials.film.law: gent needs j_lim besides youngs_modulus"),
+        ("{film: {distance: 4 mm, set: {materials.film.law: gnet}}}",
+         "set: materials.film.law: unknown law 'gnet'; did you mean 'gent'?"),
+        ("{film: {distance: 4 mm, set: {materials.film.youngs_modulus: 1 MPa, "
+         "materials.film.shear_modulus: 1 MPa}}}",
+         "set: materials.film.shear_modulus: give either youngs_modulus or the law's own "
+         "parameters"),
+        ("{film: {distance: 4 mm, set: {materials.film.youngs_modulus: 1}}}",
+         "set: materials.film.youngs_modulus: expected a stress with its unit"),
     ],
 )  # fmt: skip
 def test_wrong_elements_are_told(element, message):
-    with pytest.raises(ConfigError, match=message.replace("(", r"\(")):
+    with pytest.raises(ConfigError, match=re.escape(message)):
         case(NEGATIVE, program__2__mount=f"{{bias: [{element}]}}")
 
 

@@ -13,6 +13,7 @@ from watch import At
 import dealib
 from dealib.cli.app import app
 from dealib.config.columns import COLUMNS
+from dealib.errors import ConfigError
 from dealib.fem.measures import QUANTITIES, VISCOUS
 from dealib.materials.response import stability_limit
 from dealib.results import local
@@ -233,6 +234,41 @@ def test_limits_are_columns_only_where_they_are_set():
     known = {*QUANTITIES, *VISCOUS, "step", "time_s", *work, *branch}
     assert known == set(COLUMNS)  # what conditions can watch is what is measured
     assert set(h.columns) - {"stage"} <= known
+
+
+GENT = "{law: gent, youngs_modulus: 1 MPa, j_lim: 8, relative_permittivity: 3, "
+GENT += "branches: [{shear_modulus: 0.1 MPa, relaxation_time: 1 s}]}"
+MOONEY_SOFT = "{law: mooney_rivlin, youngs_modulus: 1 MPa, relative_permittivity: 3}"
+FOLLOW = "{stage: on, follow: {vary: force, until: {displacement: -2 mm}}}"
+EVERYTHING = {
+    "limits": "{breakdown_strength: 100 MV/m, stretch_max: 2}",
+    "sensing": "{differential: true, sheet_resistance: 10 kohm}",
+}
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        EVERYTHING | {"materials__film": GENT},
+        {
+            "materials__film": MOONEY_SOFT,
+            "program": f"[{{stage: push, mount: {{force: 0 N}}}}, {FOLLOW}]",
+        },
+    ],
+    ids=["plain", "everything", "follow"],
+)
+def test_a_condition_may_watch_what_the_run_measures_and_nothing_else(changes):
+    row = next(iter(dealib.Simulation(small(**changes)))).row
+
+    def may_be_watched(column):
+        try:
+            small(stop_when=f"[{column} > 1e9 {COLUMNS[column]}]", **changes)
+        except ConfigError:
+            return False
+        return True
+
+    assert set(filter(may_be_watched, COLUMNS)) == set(row) - {"stage"}
 
 
 def test_a_stage_ends_at_the_crossing_and_the_next_begins_there():

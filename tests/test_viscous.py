@@ -24,6 +24,7 @@ from dealib.fem.layout import Layout
 from dealib.fem.problem import build_problem
 from dealib.materials import evolution, invariants_of_stretches, thickness_stretch
 from dealib.results.checkpoint import CheckpointFolder
+from dealib.results.margins import Film
 
 FILE = Path(__file__).with_name("viscous.yaml")
 
@@ -184,6 +185,26 @@ def test_a_fresh_film_carries_the_prestretch_and_relaxes():
     assert energy.iloc[-1] == pytest.approx(relaxed["elastic_energy_mJ"].iloc[-1], rel=1e-6)
     lost = fresh["dissipated_energy_mJ"].iloc[-1]
     assert lost == pytest.approx(energy.iloc[0] - energy.iloc[-1], rel=1e-3)
+
+
+def test_wrinkling_of_a_fresh_film_counts_from_the_tension_with_its_branches():
+    """At first nothing is lost; in the long run the branches' share G_i / (G + sum of G_i)."""
+    film = {
+        "geometry__electrode_thickness": "0 um",
+        "materials__film__mounted": "fresh",
+        "mesh__columns": 32,
+    }
+    h = history(program="[{stage: hold, duration: 1000 s}]", **film)
+    assert h["wrinkling_use"].iloc[0] == pytest.approx(0, abs=5e-3)  # clamped ends
+    assert h["wrinkling_use"].iloc[-1] == pytest.approx(0.15 / (1 / 3 + 0.15), abs=1e-2)
+    incompressible = stiff(1 / 3, 2 / 3)["materials__film"].replace(
+        f"{50 / 3!r} MPa", "1e6 MPa, prestretch: 1.2, mounted: fresh, branches: "
+        "[{shear_modulus: 0.15 MPa, relaxation_time: 1 s}]"
+    )  # fmt: skip
+    found = Film.of(case(materials__film=incompressible).config)
+    assert found.tension == pytest.approx((1 / 3 + 0.15) * (1.2**2 - 1.2**-4), rel=1e-5)
+    relaxed = Film.of(case(materials__film=incompressible.replace("fresh", "relaxed")).config)
+    assert relaxed.tension == pytest.approx((1.2**2 - 1.2**-4) / 3, rel=1e-5)
 
 
 def test_without_branches_nothing_is_added():

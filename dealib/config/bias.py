@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeAlias
 
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError, model_validator
 
-from dealib.config.messages import problem
+from dealib.config.messages import in_file, problem
 from dealib.config.section import OneOf, Section
 from dealib.errors import ValueAt
+from dealib.materials.laws import LAWS
 from dealib.units import Force, Length, Mass, Stiffness, list_of
 
 
@@ -194,6 +195,10 @@ def second_device(config: Any, film: SecondFilm) -> Any:
     if config.mesh.file is None:
         tree["geometry"]["air_height"] = "0 mm"
         tree["geometry"].pop("clamps", None)
+    for region, material in tree["materials"].items():
+        head = f"materials.{region}."
+        changes = (film.set or {}).items()
+        _make_way(material, {k[len(head) :]: v for k, v in changes if k.startswith(head)})
     for key, value in (film.set or {}).items():
         *above, last = key.split(".")
         node = tree
@@ -215,8 +220,21 @@ def second_device(config: Any, film: SecondFilm) -> Any:
         return type(config).model_validate(tree)
     except ValidationError as error:
         first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
+        where = ".".join(map(str, in_file(first, tree)))
         raise ValueAt(("set",), f"{where}: {problem(first, type(config))}") from None
+
+
+def _make_way(material: dict[str, Any], changes: dict[str, Any]) -> None:
+    """Take out of a material what changes of it stand for: its moduli, or its law with all of it.
+
+    A config as it was read says what follows from Young's modulus or the library instead of these.
+    """
+    law = LAWS[material["law"]]
+    gone: tuple[str, ...] = law.ruled() if changes.get("youngs_modulus") is not None else ()
+    if "library" in changes or changes.get("law", material["law"]) != material["law"]:
+        gone = ("law", "library", *law.names())
+    for key in gone:
+        material.pop(key, None)
 
 
 def check_second_films(config: Any) -> None:

@@ -56,7 +56,7 @@ def validate(model: type[Model], source: Source) -> Model:
                 continue  # it is short of its wrong items only
             if item["type"] == "missing" and any(_meant(m, item["loc"], model) for m in misspelt):
                 continue  # it is there under a misspelt name
-            where = _in_file(item, tree)
+            where = in_file(item, tree)
             at: Literal["key", "value"] = "key" if item["type"] == "extra_forbidden" else "value"
             said = problem({**item, "input": _given(tree, where, item)}, model)
             found[source.message(where, said, at)] = None
@@ -151,7 +151,7 @@ def _words(listing: str) -> list[str]:
     ]
 
 
-def _in_file(item: Mapping[str, Any], tree: Any) -> Loc:
+def in_file(item: Mapping[str, Any], tree: Any) -> Loc:
     """Where in the file: pydantic's location without tags of unions and items of lone values."""
     where: list[int | str] = []
     node, loc, kind = tree, item["loc"], item["type"]

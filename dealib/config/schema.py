@@ -12,7 +12,7 @@ from dealib.config.follow import check_branches
 from dealib.config.materials import Materials
 from dealib.config.program import Stage
 from dealib.config.section import Section
-from dealib.config.stop import Condition
+from dealib.config.stop import Condition, check_conditions
 from dealib.config.tables import Tables
 from dealib.errors import ValueAt
 from dealib.units import ElectricField, Length, Resistance, Stress
@@ -250,7 +250,7 @@ class Config(Section):
                 raise ValueAt(("program", 0, port), "a prestrain stage takes no input")
         if first.stage == "prestrain" and first.stop_when:
             raise ValueAt(("program", 0, "stop_when"), "a prestrain stage always comes to its end")
-        self._watched_columns_exist()
+        check_conditions(self)
         if self.physics.formulation == "mixed" and self.mesh.order != 2:
             raise ValueAt(("mesh", "order"), "physics.formulation: mixed needs order 2")
         self._air_above_stroke()
@@ -263,18 +263,6 @@ class Config(Section):
         check_branches(self.program, self.physics.coupling, self.materials)
         check_second_films(self)
         return self
-
-    def _watched_columns_exist(self) -> None:
-        """A condition on a limit needs the limit."""
-        needs = {"breakdown_use": "breakdown_strength", "stretch_use": "stretch_max"}
-        parts: list[tuple[tuple[str | int, ...], Config | Stage]] = [((), self)]
-        parts += [(("program", i), stage) for i, stage in enumerate(self.program)]
-        for where, part in parts:
-            for k, condition in enumerate(part.stop_when):
-                key = needs.get(condition.column)
-                if key is not None and getattr(self.limits, key) is None:
-                    missing = f"{condition.column} needs limits.{key}"
-                    raise ValueAt((*where, "stop_when", k), missing)
 
     def _air_above_stroke(self) -> None:
         """The air must stay higher than a prescribed displacement of what it covers."""

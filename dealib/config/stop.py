@@ -13,6 +13,9 @@ from pydantic import BeforeValidator, Field, field_validator
 from dealib.config.columns import COLUMNS
 from dealib.config.section import Section
 from dealib.config.source import did_you_mean
+from dealib.errors import ValueAt
+from dealib.materials.laws import LAWS
+from dealib.materials.response import softens
 from dealib.units import factor, split
 
 _COMPARE: dict[str, Callable[[float, float], bool]] = {
@@ -84,3 +87,63 @@ def _mapping(value: object) -> object:
 Condition: TypeAlias = Annotated[
     StopWhen, BeforeValidator(_mapping, json_schema_input_type=StopWhen | str)
 ]
+
+
+# --- which columns a run has ---------------------------------------------------------------------
+
+_Need: TypeAlias = tuple[str, Callable[[Any], bool]]  # what a config must have, and whether it does
+
+_STRENGTH: _Need = ("limits.breakdown_strength", lambda c: c.limits.breakdown is not None)
+_STRETCH: _Need = ("limits.stretch_max", lambda c: c.limits.stretch_max is not None)
+_SOFTENING: _Need = (
+    "a film that can lose its stiffness, such as mooney_rivlin with c01 below 0",
+    lambda c: softens(c.materials.film),
+)
+_LOCKING: _Need = (
+    f"a film whose law locks: {' or '.join(n for n, law in LAWS.items() if law.locks)}",
+    lambda c: c.materials.film.locks,
+)
+_DIFFERENTIAL: _Need = ("sensing.differential: true", lambda c: c.sensing.differential)
+_RESISTANCE: _Need = (
+    "sensing.sheet_resistance",
+    lambda c: c.sensing.sheet_resistance is not None,
+)
+_BRANCHES: _Need = (
+    "Maxwell branches, such as materials.film.branches",
+    lambda c: any(law.branches for law in _solids(c)),
+)
+_FOLLOW: _Need = ("a stage with follow", lambda c: any(s.follow is not None for s in c.program))
+
+_NEEDS = {
+    "breakdown_use": _STRENGTH,
+    "stretch_use": _STRETCH,
+    "stability_use": _SOFTENING,
+    "locking_use": _LOCKING,
+    "differential_capacitance_pF": _DIFFERENTIAL,
+    "blocked_capacitance_pF": _DIFFERENTIAL,
+    "mount_stiffness_N_per_mm": _DIFFERENTIAL,
+    "electrode_resistance_kohm": _RESISTANCE,
+    "rc_time_us": _RESISTANCE,
+    "dissipated_energy_mJ": _BRANCHES,
+    "dissipated_power_mW": _BRANCHES,
+    "unstable_modes": _FOLLOW,
+    "limit_point": _FOLLOW,
+    "bifurcation": _FOLLOW,
+}
+
+
+def _solids(config: Any) -> list[Any]:
+    """The materials that are in the device."""
+    bodies = config.geometry.electrode_thickness > 0
+    return [config.materials.film, *([config.materials.electrode] if bodies else [])]
+
+
+def check_conditions(config: Any) -> None:
+    """Raise `ValueAt` if a condition watches a column that this run cannot have."""
+    parts: list[tuple[tuple[str | int, ...], Any]] = [((), config)]
+    parts += [(("program", i), stage) for i, stage in enumerate(config.program)]
+    for where, part in parts:
+        for k, condition in enumerate(part.stop_when):
+            need, has = _NEEDS.get(condition.column, ("", lambda c: True))
+            if not has(config):
+                raise ValueAt((*where, "stop_when", k), f"{condition.column} needs {need}")

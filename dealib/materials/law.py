@@ -69,6 +69,11 @@ class Law(BaseModel):
         return tuple(n for n in law.model_fields if n not in Law.model_fields and n != "law")
 
     @classmethod
+    def ruled(cls) -> tuple[str, ...]:
+        """Those of them that Young's modulus sets."""
+        return tuple(n for n in cls.names() if n not in cls.besides)
+
+    @classmethod
     def example(cls) -> dict[str, Any]:
         """Parameters as in a config: Young's modulus 1 MPa, and what else is needed."""
         given = {n: cls.model_fields[n] for n in cls.besides}
@@ -113,7 +118,7 @@ class Law(BaseModel):
         if own:
             schema["required"] = [n for n in schema["required"] if n not in own]
             besides = [n for n in own if n in cls.besides]
-            ruled = [{"required": [n]} for n in cls.names() if n not in cls.besides]
+            ruled = [{"required": [n]} for n in cls.ruled()]
             schema["oneOf"] = [
                 {"required": ["youngs_modulus", *besides], "not": {"anyOf": ruled}},
                 {"required": own, "not": {"required": ["youngs_modulus"]}},
@@ -167,7 +172,7 @@ class Law(BaseModel):
             raise ValueAt(("law",), f"{cls.name()} needs {' and '.join(missing)}{rest}")
         if missing or not by_modulus:
             return data
-        double = [n for n in given if n not in cls.besides]
+        double = [n for n in given if n in cls.ruled()]
         if double:
             raise ValueAt((double[0],), "give either youngs_modulus or the law's own parameters")
         try:

@@ -53,8 +53,7 @@ class Entry:
         kept = {"law": self.values["law"]} | self.parameters
         kept |= {k: v for k, v in self.values.items() if k in only}
         if given.get("youngs_modulus") is not None:
-            ruled = set(self.law.names()) - set(self.law.besides)
-            kept = {k: v for k, v in kept.items() if k not in ruled}
+            kept = {k: v for k, v in kept.items() if k not in self.law.ruled()}
         return kept | dict(given)
 
 

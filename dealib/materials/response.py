@@ -165,6 +165,11 @@ def stability_limit(law: Law, mode: str, largest: float = 10.0) -> float:
     return float(brentq(value, stretches[lost[0] - 1], stretches[lost[0]], xtol=1e-9))
 
 
+def softens(law: Law) -> bool:
+    """Whether a law is not stable in some mode (see `stability_limit`)."""
+    return any(np.isfinite(stability_limit(law, mode)) for mode in MODES)
+
+
 def locking_stretch(law: Law, mode: str, largest: float = 10.0) -> float:
     """Stretch above 1 at which an incompressible law locks in a mode; infinity up to `largest`."""
     from scipy.optimize import brentq

@@ -13,8 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from dealib.config.schema import Config
+from dealib.materials.branches import Branch
+from dealib.materials.evolution import IDENTITY
 from dealib.materials.laws import Law, invariants_of_stretches
-from dealib.materials.response import MODES, curvature, stability_limit, stiffness
+from dealib.materials.prestretch import bracket
+from dealib.materials.response import curvature, softens, stiffness
 from dealib.results import local
 from dealib.results.elements import Array
 from dealib.results.mesh import ResultMesh
@@ -26,7 +29,7 @@ class Film:
 
     Attributes:
         material: Law, permittivity and pre-stretch.
-        tension: That `wrinkling_use` counts from, MPa.
+        tension: That `wrinkling_use` counts from, MPa; with branches if these are mounted fresh.
         stiffness: Of the law at rest, for changes of shape, MPa.
         softens: Whether the law can lose it.
     """
@@ -42,11 +45,10 @@ class Film:
         material = local.region_materials(config)["film"]
         law = material.law
         assert law is not None
-        stress = np.diag(local.second_pk(law, np.eye(3), material.prestretch))  # mounted: F = I
         rest = float(stiffness(law, 1.0, 1.0))
-        softens = any(np.isfinite(stability_limit(law, mode)) for mode in MODES)
-        mounted = float(min(stress[0], stress[2]))
-        return cls(material, mounted if mounted > 1e-9 * rest else rest / 2, rest, softens)
+        fresh = config.materials.film.mounted == "fresh"
+        mounted = _mounted_tension(material, material.branches if fresh else ())
+        return cls(material, mounted if mounted > 1e-9 * rest else rest / 2, rest, softens(law))
 
     @property
     def law(self) -> Law:
@@ -135,6 +137,37 @@ class Film:
         l1, l2 = self.stretches(F)
         i = invariants_of_stretches(l1, l2, 1 / (l1 * l2))
         return np.asarray(self.law.extension(i, self.law.values))
+
+
+def _mounted_tension(material: local.RegionMaterial, fresh: tuple[Branch, ...]) -> float:
+    """Smaller in-plane stress of the film as it is mounted, MPa.
+
+    Args:
+        material: The film's.
+        fresh: Branches that carry the pre-stretch. Their stress across moves its faces a little,
+            to where the film is free of stress across again.
+    """
+    from scipy.optimize import brentq
+
+    law, internal = material.law, np.tile(IDENTITY, (len(fresh), 1))
+    assert law is not None
+
+    def stress(across: float) -> Array:
+        F = np.diag([1.0, across, 1.0])
+        S = local.second_pk(law, F, material.prestretch)
+        S += local.branches_pk(fresh, F, internal, material.prestretch)
+        return np.diag(local.cauchy(F, S))
+
+    def free(across: float) -> float:
+        return float(stress(across)[1])
+
+    across = 1.0
+    if fresh:
+        ends = bracket(free, 1.0, 10.0)  # the volume alone sees to both signs
+        assert ends is not None
+        across = float(brentq(free, *ends, xtol=1e-14))
+    radial, _, hoop = stress(across)
+    return float(min(radial, hoop))
 
 
 def meridional_stretch(F: Array) -> Array:
