@@ -246,5 +246,6 @@ def test_a_stage_ends_early_by_its_condition():
         set={"program": "[{stage: a, duration: 4 s}, {stage: a, duration: 2 s}]"},
     ).config.program
     h = pd.DataFrame({"stage": ["prestrain", "a", "a", "a", "a"], "time_s": [0.0, 1, 2, 3, 4]})
+    h["step"] = h.index
     assert stages.numbers(h, program).tolist() == [0, 0, 0, 0, 0]
-    assert stages.numbers(h, program, [{"time_s": 2.0}]).tolist() == [0, 0, 0, 1, 1]
+    assert stages.numbers(h, program, [{"step": 2}]).tolist() == [0, 0, 0, 1, 1]

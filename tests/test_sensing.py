@@ -263,7 +263,7 @@ def test_cycles_after_a_branch_that_is_followed(tmp_path):
     expected = [
         ("go on 1", begin, begin + 4),
         ("go on 2", begin + 4, begin + 8),
-        ("same", same, same + 4),
+        ("same (2)", same, same + 4),
     ]
     assert [(c.name, c.first, c.last) for c in cycles(run)] == expected
     info = {k: v for k, v in run.info.items() if k != "stops"} | {"status": "running"}

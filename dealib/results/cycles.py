@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dealib.results import stages
 from dealib.results.reader import Run
 
 if TYPE_CHECKING:
@@ -86,11 +87,11 @@ def cycles(run: Run) -> list[Cycle]:
     """
     h = run.history
     open_since, found = [(0, "")], []
-    for stage, ends in _boundaries(run):
+    for stage, title, ends in _boundaries(run):
         driven = _driven(stage)
         for k, row in enumerate(ends):
             before = open_since[-1][0]
-            name = f"{stage.stage} {k + 1}" if stage.cycles > 1 else stage.stage
+            name = f"{title} {k + 1}" if stage.cycles > 1 else title
             returns = bool(driven) and _same(h, before, row, driven)
             starts = [before] if returns else [r for r, _ in open_since]
             start = next((r for r in starts if returns or _same(h, r, row, _PORTS)), None)
@@ -104,27 +105,18 @@ def cycles(run: Run) -> list[Cycle]:
     return found
 
 
-def _boundaries(run: Run) -> Iterator[tuple[Stage, list[int]]]:
-    """Stages with the rows at which their cycles end, the last of which may be cut short.
-
-    A stage lasts as long as the rows have its name. Neighbours may share one: then it ends where
-    its duration does, unless it follows a branch, or where a condition ended it.
-    """
-    time, names = run.history["time_s"].to_numpy(), run.history["stage"].to_numpy()
-    stops = {s["step"] for s in run.info.get("stops", ())}
-    last = 0
-    for stage in run.config.program:
-        if stage.stage == "prestrain":
+def _boundaries(run: Run) -> Iterator[tuple[Stage, str, list[int]]]:
+    """Stages, titles, and rows at which their cycles end; the last one may be cut short."""
+    h, program = run.history, run.config.program
+    time = h["time_s"].to_numpy()
+    number = stages.numbers(h, program, run.info.get("stops", ()))
+    for k, (stage, title) in enumerate(zip(program, stages.titles(program), strict=True)):
+        rows = np.flatnonzero(number[1:] == k) + 1
+        if stage.stage == "prestrain" or len(rows) == 0:
             continue
-        begin, ends = last, time[last] + stage.duration * np.arange(1, stage.cycles + 1)
-        latest = np.inf if stage.follow else ends[-1] * (1 + 1e-12)
-        while last + 1 < len(time) and names[last + 1] == stage.stage and time[last + 1] <= latest:
-            last += 1
-            if last in stops:
-                break
-        if last > begin:
-            within = [t for t in ends[:-1] if t < time[last] * (1 - 1e-12)]
-            yield stage, [*(int(np.abs(time - t).argmin()) for t in within), last]
+        ends = time[rows[0] - 1] + stage.duration * np.arange(1, stage.cycles)
+        within = [t for t in ends if t < time[rows[-1]] * (1 - 1e-12)]
+        yield stage, title, [*(int(np.abs(time - t).argmin()) for t in within), int(rows[-1])]
 
 
 def _driven(stage: Stage) -> list[str]:

@@ -23,33 +23,31 @@ def numbers(
 ) -> Ints:
     """Index in the program of each row's stage, (rows,); that of the first row is 0.
 
-    Stages of one name in a row are told apart by their durations; those that follow a branch have
-    none.
+    A stage lasts as long as the rows have its name. Neighbours may share one: then it ends where
+    its duration does, unless it follows a branch, or where a condition ended it.
 
     Args:
         history: The history.
         program: The stages.
         stops: Where conditions ended a stage, as in `run.json`.
     """
-    ended = [float(s["time_s"]) for s in stops]
-    k, begin, last, found = 0, 0.0, 0.0, [0]
-    for name, time in zip(history["stage"][1:], history["time_s"][1:], strict=True):
-        while k + 1 < len(program) and (
-            program[k].stage != name
-            or (program[k + 1].stage == name and time > _end(program[k], begin, ended))
+    time, names, steps = (history[c].to_numpy() for c in ("time_s", "stage", "step"))
+    ended = {stop["step"] for stop in stops}
+    found, last = np.zeros(len(history), dtype=np.int64), 0
+    for k, stage in enumerate(program):
+        if stage.stage == "prestrain":
+            continue
+        end = np.inf if stage.follow else time[last] + stage.duration * stage.cycles
+        while (
+            last + 1 < len(time)
+            and names[last + 1] == stage.stage
+            and time[last + 1] <= end * (1 + 1e-9)
         ):
-            k, begin = k + 1, last
-        found.append(k)
-        last = time
-    return np.array(found)
-
-
-def _end(stage: Stage, begin: float, ended: Sequence[float]) -> float:
-    if stage.follow is not None:
-        return np.inf
-    end = begin + (0.0 if stage.stage == "prestrain" else stage.duration * stage.cycles)
-    early = (t for t in ended if begin < t < end)
-    return min(early, default=end) * (1 + 1e-9)
+            last += 1
+            found[last] = k
+            if steps[last] in ended:
+                break
+    return found
 
 
 def titles(program: Sequence[Stage]) -> list[str]:
