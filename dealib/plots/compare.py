@@ -45,7 +45,7 @@ def draw_comparison(
                 above.plot(*curve, color="C0", label=None if number else "computed")
             below.axhline(0, color="C1", lw=0.8)
             below.plot(c.x, c.computed - c.measured, ".", ms=4, color="C0")
-            note = f"RMSE {c.rmse:.3g} {unit}, R² {c.r2:.5f}"
+            note = f"RMSE {c.rmse:.3g} {unit}".rstrip() + f", R² {c.r2:.5f}"
             above.set_title("\n".join(t for t in (titles[k] if titles else "", note) if t))
             above.set(ylabel=label(c.y_name))
             difference = "computed −\nmeasured" + (f" ({unit})" if unit else "")
