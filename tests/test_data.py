@@ -8,6 +8,7 @@ from dealib.cli.app import app
 from dealib.data.compare import branches, compare
 from dealib.data.measured import read, split_unit
 from dealib.errors import ConfigError
+from dealib.plots.compare import draw_comparison
 
 COLUMNS = (
     "time_s",
@@ -130,6 +131,25 @@ def test_loading_and_unloading_are_told_apart(tmp_path):
     (found,) = compare(only, measured_of(tmp_path, x, y))
     assert found.computed == pytest.approx(x, abs=1e-12)
     assert found.of_branch(1).rmse == pytest.approx(np.sqrt((0.018**2 * 2 + 0.05**2) / 3))
+
+
+def test_the_picture_shows_the_run_between_the_measured_points(tmp_path, monkeypatch):
+    run = hysteresis()
+    x, y = np.array([0.1, 0.9, 0.5, 0.1]), np.array([0.1, 0.9, 0.45, 0.082])
+    (found,) = compare(run, measured_of(tmp_path, x, y))
+    loading, unloading = found.curves
+    assert loading[0, [0, -1]].tolist() == unloading[0, [0, -1]].tolist() == [0.1, 0.9]
+    assert loading[1] == pytest.approx(loading[0], abs=1e-12)
+    u = unloading[0]
+    assert unloading[1] == pytest.approx(u - 0.2 * u * (1 - u), abs=2e-4)
+    assert [len(found.of_branch(k).curves) for k in (0, 1)] == [1, 1]
+    figures = []
+    monkeypatch.setattr("dealib.plots.compare.save", lambda figure, _: figures.append(figure))
+    draw_comparison([found], tmp_path / "a.png")
+    above, below = figures[0].axes
+    drawn = [line for line in above.lines if len(line.get_xdata()) > len(x)]
+    assert [line.get_ydata().tolist() for line in drawn] == [c[1].tolist() for c in found.curves]
+    assert below.get_ylabel() == "computed −\nmeasured (N)"
 
 
 def test_rmse_and_r2_by_hand(tmp_path):

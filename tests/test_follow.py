@@ -284,6 +284,24 @@ def test_unstable_parts_are_dashed(run):
         assert marks.get_xdata().tolist() == folds
 
 
+def test_what_is_unstable_and_what_is_beyond_a_limit_can_be_told_apart(run):
+    from dealib.plots import style
+    from dealib.plots.curves import overview
+    from dealib.plots.limits import BEYOND
+
+    with style.theme():
+        figure = overview([run])
+        (legend,) = figure.legends
+        told = [text.get_text() for text in legend.get_texts()]
+        assert told == ["unstable", "limit point", "beyond a limit"]
+        axis = figure.axes[2]
+        (band,) = [line for line in axis.lines if line.get_color() == BEYOND]
+        curve, unstable = axis.lines[:2]
+        assert (band.get_linestyle(), unstable.get_linestyle()) == ("-", "--")
+        assert band.get_linewidth() > 4 * curve.get_linewidth()  # behind the dashes, not on them
+        assert band.get_zorder() < unstable.get_zorder()
+
+
 HELD = "{stage: hold, mount: {displacement: -1 mm}}"
 
 

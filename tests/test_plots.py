@@ -7,7 +7,7 @@ import av
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import case
+from conftest import CONFIGS, case
 from matplotlib.image import imread
 from PIL import Image
 from typer.testing import CliRunner
@@ -342,3 +342,38 @@ def test_no_stored_state_under_voltage_is_told_not_drawn_as_its_field(tmp_path):
     )
     assert "Electric field at the largest voltage" not in page
     assert "charge on the inner faces" not in page
+
+
+def small(directory, **changes):
+    source = CONFIGS.parent / "tests" / "small.yaml"
+    given = {k.replace("__", "."): v for k, v in changes.items()}
+    return dealib.simulate(dealib.load(source, set=given), directory)
+
+
+def test_the_overview_of_a_run_without_voltage_shows_stretches_instead_of_fields(tmp_path):
+    program = "[{stage: push, mount: {displacement: -2 mm}, steps: 3}]"
+    run = small(tmp_path / "run", program=program)
+    with style.theme():
+        figure = overview([run])
+        last = figure.axes[3]
+        assert (last.get_xlabel(), last.get_ylabel()) == (
+            "Displacement (mm)", "Smallest thickness stretch"
+        )  # fmt: skip
+        assert last.lines[0].get_ydata().tolist() == run.history["thickness_stretch_min"].tolist()
+        assert figure.legends == []  # nothing is marked
+
+
+@pytest.mark.filterwarnings("error::UserWarning")
+def test_pictures_of_a_run_that_ended_at_its_first_state(tmp_path):
+    run = small(tmp_path / "run", stop_when="[capacitance_pF > 1 pF]")
+    assert len(run.history) == 1
+    with style.theme():
+        force, time, capacitance, _, voltage, held = overview([run]).axes
+        for axis in (force, time, voltage, held):
+            assert axis.get_ylim() == (-1, 1)
+        assert force.get_xlim() == (-1, 1)
+        C = run.history["capacitance_pF"][0]
+        assert capacitance.get_ylim() == pytest.approx((0.95 * C, 1.05 * C))
+        assert time.lines[0].get_marker() == "."  # a line of one point is none
+    page = Path(invoke("report", run.directory)).read_text(encoding="utf-8")
+    assert "Newton iterations by step" not in page

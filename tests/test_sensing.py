@@ -386,3 +386,15 @@ def test_maxwell_branches_allow_no_map(tmp_path):
         f"{run.directory}: no map: materials.film.branches make the capacitance depend on what "
         "came before; run it without them"
     )
+
+
+def test_a_capacitance_that_turns_has_two_ways_back(tmp_path):
+    program = "[{stage: down, mount: {displacement: [0 mm, -2 mm, 2 mm]}, steps: 18}]"
+    run = dealib.simulate(small(program=program), tmp_path / "run")
+    *lines, _ = sense([run.directory], None, None, False, False).splitlines()
+    assert lines[4] == "not unique: the capacitance turns; --at gives the lowest displacement"
+    found = CapacitanceMap.of([run.history])
+    ((_, error),) = found.errors()  # to the nearer one, not to the other side
+    assert error < 1e-3
+    C = float(found.capacitance(1.0, 0.0))
+    assert found.displacement(C, 0.0) == pytest.approx(-1, abs=1e-4)  # the same up and down

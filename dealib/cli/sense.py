@@ -42,7 +42,7 @@ def sense(
     target = out or default(runs, "sensing", dark)
     with style.theme(dark):
         style.save(draw(found, str(runs[0].info["name"])), target)
-    return "\n".join([*_table(found), *_left_out(found.left_out), str(target)])
+    return "\n".join([*_table(found), *_notes(found), str(target)])
 
 
 def _displacement(found: CapacitanceMap, at: str) -> float:
@@ -69,11 +69,13 @@ def _table(found: CapacitanceMap) -> list[str]:
     return lines
 
 
-def _left_out(voltages: Sequence[float]) -> list[str]:
-    """Which voltages are not on the map."""
-    if not voltages:
-        return []
-    what = ", ".join(f"{V:.4g}" for V in voltages)
-    if len(voltages) > 6:
-        what = f"{len(voltages)} voltages from {voltages[0]:.4g} to {voltages[-1]:.4g}"
-    return [f"not on the map, with too few displacements: {what} kV"]
+def _notes(found: CapacitanceMap) -> list[str]:
+    """Which voltages are not on the map, and whether the way back is not unique."""
+    notes, V = [], found.left_out
+    if V:
+        all_of_them = ", ".join(f"{v:.4g}" for v in V)
+        what = f"{len(V)} voltages from {V[0]:.4g} to {V[-1]:.4g}" if len(V) > 6 else all_of_them
+        notes.append(f"not on the map, with too few displacements: {what} kV")
+    if found.turns:
+        notes.append("not unique: the capacitance turns; --at gives the lowest displacement")
+    return notes

@@ -12,6 +12,7 @@ from scipy.interpolate import PchipInterpolator
 from dealib.data.measured import Array, Measured
 from dealib.errors import ConfigError
 
+_DRAWN = 200  # points of a curve
 _TURN = 0.05  # of the range of x: a retreat by less is noise, not a new branch
 
 
@@ -26,6 +27,7 @@ class Comparison:
         measured: Measured values (points,).
         computed: Computed values (points,); NaN where the run does not reach.
         branch: Number of the branch of each point, from 0 (points,).
+        curves: Abscissae and values of the run along each branch, with its turning point (2, any).
     """
 
     x_name: str
@@ -34,6 +36,7 @@ class Comparison:
     measured: Array
     computed: Array
     branch: npt.NDArray[np.int64]
+    curves: tuple[Array, ...] = ()
 
     @property
     def inside(self) -> npt.NDArray[np.bool_]:
@@ -57,7 +60,7 @@ class Comparison:
         """The points of one branch."""
         on = self.branch == number
         parts = (self.x[on], self.measured[on], self.computed[on], self.branch[on])
-        return Comparison(self.x_name, self.y_name, *parts)
+        return Comparison(self.x_name, self.y_name, *parts, self.curves[number : number + 1])
 
 
 def compare(
@@ -92,11 +95,15 @@ def compare(
     found = []
     for name in measured.curves:
         run_y = np.asarray(history[name], dtype=float)[rows]
-        computed = np.full(len(x), np.nan)
+        computed, curves = np.full(len(x), np.nan), []
         for piece, partner in zip(pieces, partners, strict=True):
             curve = _ascending(run_x[partner], run_y[partner])
             computed[piece] = _interpolate(*curve, x[piece], extrapolate)
-        found.append(Comparison(measured.x, name, x, measured.columns[name], computed, number))
+            reach = x[max(piece.start - 1, 0) : piece.stop]
+            between = np.linspace(reach.min(), reach.max(), _DRAWN)
+            curves.append(np.stack([between, _interpolate(*curve, between, extrapolate)]))
+        values = measured.columns[name]
+        found.append(Comparison(measured.x, name, x, values, computed, number, tuple(curves)))
         if not found[-1].inside.any():
             raise ConfigError(
                 f"{measured.path}: {measured.x} spans {x.min():.6g} .. {x.max():.6g}, the run "

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.lines import Line2D
 
 if TYPE_CHECKING:
     import pandas
 
-_MODES, _LIMIT, _BIFURCATION = "unstable_modes", "limit_point", "bifurcation"
+_MODES = "unstable_modes"
+_UNSTABLE = (0, (2, 1.5))  # dashes
+_POINTS = {"limit_point": ("o", "limit point"), "bifurcation": ("s", "bifurcation")}
 
 
 def draw_history(axis: Any, history: pandas.DataFrame, x: str, y: str, **style: Any) -> None:
@@ -23,6 +27,8 @@ def draw_history(axis: Any, history: pandas.DataFrame, x: str, y: str, **style: 
         y: Column up.
         style: Of the line, with its label.
     """
+    if len(history) == 1:
+        style.setdefault("marker", ".")
     if _MODES not in history or not history[_MODES].any():
         axis.plot(history[x], history[y], **style)
         return
@@ -33,10 +39,23 @@ def draw_history(axis: Any, history: pandas.DataFrame, x: str, y: str, **style: 
     label = style.pop("label", None)
     for first, last in pairwise(ends):
         part = slice(first, last + 1)
-        line = style | ({"ls": (0, (2, 1.5))} if unstable[first] else {"label": label})
+        line = style | ({"ls": _UNSTABLE} if unstable[first] else {"label": label})
         axis.plot(xs[part], ys[part], **line)
         label = None if not unstable[first] else label
     colour = style.get("color", "C0")
-    for column, mark in ((_LIMIT, "o"), (_BIFURCATION, "s")):
+    for column, (mark, _) in _POINTS.items():
         at = history[column].to_numpy() > 0
-        axis.plot(xs[at], ys[at], mark, ms=6, mfc="none", mec=colour, zorder=4)
+        axis.plot(xs[at], ys[at], mark, ms=7, mfc="none", mec=colour, zorder=4)
+
+
+def key(histories: Iterable[pandas.DataFrame], colour: str) -> list[Any]:
+    """Legend entries for what `draw_history` marks in some histories."""
+    drawn = [h for h in histories if _MODES in h and h[_MODES].any()]
+    if not drawn:
+        return []
+    found = [Line2D([], [], color=colour, ls=_UNSTABLE, label="unstable")]
+    return found + [
+        Line2D([], [], ls="", marker=mark, ms=7, mfc="none", mec=colour, label=name)
+        for column, (mark, name) in _POINTS.items()
+        if any(h[column].any() for h in drawn)
+    ]

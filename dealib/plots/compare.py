@@ -36,20 +36,20 @@ def draw_comparison(
         )  # fmt: skip
         for k, c in enumerate(comparisons):
             above, below = axes[:, k]
+            unit = split(c.y_name)[1]
             if history is not None:
                 x, y = np.asarray(history[c.x_name]), np.asarray(history[c.y_name])
                 above.plot(x, y, color="C0", lw=0.8, alpha=0.4, label="whole run")
             above.plot(c.x, c.measured, "o", ms=3.5, mfc="none", color="C1", label="measured")
-            for number in np.unique(c.branch):
-                part = c.of_branch(int(number))
-                name = "computed" if number == 0 else None
-                order = np.argsort(part.x)
-                above.plot(part.x[order], part.computed[order], color="C0", label=name)
+            for number, curve in enumerate(c.curves):
+                above.plot(*curve, color="C0", label=None if number else "computed")
             below.axhline(0, color="C1", lw=0.8)
             below.plot(c.x, c.computed - c.measured, ".", ms=4, color="C0")
-            note = f"RMSE {c.rmse:.3g} {split(c.y_name)[1]}, R² {c.r2:.5f}"
+            note = f"RMSE {c.rmse:.3g} {unit}".rstrip() + f", R² {c.r2:.5f}"
             above.set_title("\n".join(t for t in (titles[k] if titles else "", note) if t))
             above.set(ylabel=label(c.y_name))
-            below.set(xlabel=label(c.x_name), ylabel="computed - measured")
+            difference = "computed −\nmeasured" + (f" ({unit})" if unit else "")
+            below.set(xlabel=label(c.x_name), ylabel=difference)
             above.legend()
+        figure.align_ylabels(axes)
         save(figure, picture)

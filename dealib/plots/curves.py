@@ -6,22 +6,29 @@ from collections.abc import Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.lines import Line2D
 
 from dealib.config.source import did_you_mean
 from dealib.errors import ConfigError
 from dealib.plots import limits
-from dealib.plots.branches import draw_history
+from dealib.plots.branches import draw_history, key
 from dealib.plots.labels import kind, label, split
 from dealib.plots.style import DASHES
 from dealib.results.reader import Run
 from dealib.results.summary import MARGINS
 
+_NOISE = 1e-12  # in the unit of any column
+
 
 def overview(runs: Sequence[Run]) -> Any:
     """Force-displacement, the inputs in time, capacitance and field: a 2 x 2 figure."""
     figure, axes = plt.subplots(2, 2, figsize=(10.5, 7.2), layout="constrained")
-    (force, time), (capacitance, field) = axes
+    (force, time), (capacitance, last) = axes
     voltage = _panel_beside(time)
+    axes_of_last = ("voltage_kV", "field_max_MV_per_m")
+    if not any(run.history["voltage_kV"].any() for run in runs):
+        axes_of_last = ("displacement_mm", "thickness_stretch_min")
     for k, run in enumerate(runs):
         h = run.history
         dash = {"color": f"C{k}", "ls": DASHES[k % len(DASHES)]}
@@ -30,32 +37,31 @@ def overview(runs: Sequence[Run]) -> Any:
         draw_history(time, h, "time_s", "displacement_mm", **dash)
         if len(runs) == 1:
             force_axis = time.twinx()
-            force_axis.plot(h["time_s"], h["force_N"], color="C1", ls="--")
+            draw_history(force_axis, h, "time_s", "force_N", color="C1", ls="-.")
             _colour(time, "left", "C0")
             _colour(force_axis, "right", "C1")
             force_axis.set_ylabel(label("force_N"))
+            _steady(force_axis)
         if len(runs) == 1:
             dash["color"] = "C2"
         draw_history(voltage, h, "time_s", "voltage_kV", **dash)
         draw_history(capacitance, h, "displacement_mm", "capacitance_pF", **style)
-        draw_history(field, h, "voltage_kV", "field_max_MV_per_m", **style)
-        marked = [
+        draw_history(last, h, axes_of_last[0], axes_of_last[1], **style)
+        for axis, x, y in (
+            (force, "displacement_mm", "force_N"),
+            (capacitance, "displacement_mm", "capacitance_pF"),
+            (last, *axes_of_last),
+        ):
             limits.mark(axis, run, x, y)
-            for axis, x, y in (
-                (force, "displacement_mm", "force_N"),
-                (capacitance, "displacement_mm", "capacitance_pF"),
-                (field, "voltage_kV", "field_max_MV_per_m"),
-            )
-        ]
-        if marked[-1] is not None:
-            field.legend(marked[-1:], ["beyond a limit"])
     force.set(xlabel=label("displacement_mm"), ylabel=label("force_N"))
     time.set_ylabel(label("displacement_mm"))
     time.tick_params(labelbottom=False)
     voltage.set(xlabel=label("time_s"), ylabel=label("voltage_kV"))
+    voltage.margins(y=0.15)  # a low panel
     capacitance.set(xlabel=label("displacement_mm"), ylabel=label("capacitance_pF"))
-    field.set(xlabel=label("voltage_kV"), ylabel=label("field_max_MV_per_m"))
-    _steady(force, capacitance, time)
+    last.set(xlabel=label(axes_of_last[0]), ylabel=label(axes_of_last[1]))
+    _steady(force, capacitance, time, voltage, last)
+    _key(figure, runs, ("", "", axes_of_last[1]))
     if len(runs) > 1:
         figure.legend(loc="outside upper center", ncols=min(len(runs), 4))
     else:
@@ -106,6 +112,7 @@ def curves(runs: Sequence[Run], x: str, ys: Sequence[str]) -> Any:
         if len(columns) > 1 or (len(runs) > 1 and axis is axes[0, 0]):
             axis.legend()
     axes[-1, 0].set_xlabel(label(x))
+    _key(figure, runs, ys)
     if len(runs) == 1:
         figure.suptitle(titles[0])
     return figure
@@ -150,10 +157,23 @@ def _colour(axis: Any, side: str, colour: str) -> None:
         axis.grid(False)
 
 
+def _key(figure: Any, runs: Sequence[Run], columns: Sequence[str]) -> None:
+    """Say what bands, dashes and marks mean, where there are some."""
+    colour = "C0" if len(runs) == 1 else plt.rcParams["text.color"]
+    handles = key([run.history for run in runs], colour)
+    if any(limits.beyond(run.history, column).any() for run in runs for column in columns):
+        handles.append(Line2D([], [], label="beyond a limit", **limits.BAND))
+    if handles:
+        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+
+
 def _steady(*axes: Any) -> None:
-    """Do not blow rounding up to the height of the panel where a value does not change."""
+    """Do not blow rounding up to the size of the panel where a value does not change."""
     for axis in axes:
-        low, high = axis.dataLim.intervaly
-        size = max(abs(low), abs(high))
-        if high - low <= 1e-6 * size:
-            axis.set_ylim(low - 0.05 * size, high + 0.05 * size)
+        for ends, limit in (
+            (axis.dataLim.intervalx, axis.set_xlim),
+            (axis.dataLim.intervaly, axis.set_ylim),
+        ):
+            size = np.abs(ends).max()
+            if np.isfinite(size) and np.ptp(ends) <= max(1e-6 * size, _NOISE):
+                limit(*(ends + np.array([-1, 1]) * (0.05 * size if size > _NOISE else 1.0)))

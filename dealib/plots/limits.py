@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     import pandas
 
 BEYOND = "#d1242f"  # on light and dark paper
+BAND: dict[str, Any] = {"color": BEYOND, "alpha": 0.35, "lw": 7, "zorder": 1.5}
 
 
 def beyond(history: pandas.DataFrame, column: str = "") -> Any:
@@ -22,18 +23,18 @@ def beyond(history: pandas.DataFrame, column: str = "") -> Any:
     return (history[uses] > 1 + 1e-9).any(axis=1).to_numpy()
 
 
-def mark(axis: matplotlib.axes.Axes, run: Run, x: str, y: str) -> Any:
-    """Draw the part of a curve that lies beyond a limit in red dashes.
+def mark(axis: matplotlib.axes.Axes, run: Run, x: str, y: str) -> bool:
+    """Draw a red band behind the part of a curve that lies beyond a limit.
 
     Returns:
-        What was drawn, None if nothing lies there.
+        Whether anything lies there.
     """
     there = beyond(run.history, y)
-    if not there.any():
-        return None
-    values = np.where(there, run.history[y], np.nan)
-    style: dict[str, Any] = {"color": BEYOND, "ls": "--", "marker": "x", "ms": 5, "zorder": 3}
-    return axis.plot(run.history[x], values, **style)[0]
+    if there.any():
+        alone = there & ~np.append(False, there[:-1]) & ~np.append(there[1:], False)
+        dots = {"marker": "o", "ms": 7, "mew": 0, "markevery": np.flatnonzero(alone).tolist()}
+        axis.plot(run.history[x], np.where(there, run.history[y], np.nan), **BAND, **dots)
+    return bool(there.any())
 
 
 def limit(axis: matplotlib.axes.Axes) -> None:

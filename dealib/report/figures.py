@@ -63,8 +63,9 @@ def pictures(run: Run) -> dict[str, Picture]:
         "overview": both(lambda look: overview([run]), "svg"),
         "energy": both(lambda look: curves([run], "time_s", energies), "svg"),
         "margins": both(lambda look: uses(run), "svg"),
-        "iterations": both(lambda look: _iterations(run), "svg"),
     }
+    if len(run.history) > 1:
+        found["iterations"] = both(lambda look: _iterations(run), "svg")
     if run.stored_steps:
         shape = Shape(run, typical_step(run))
         charged = bool(under_voltage(run.history)[run.history["step"] == shape.step].all())

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dealib.errors import ConfigError
+from dealib.results.bias import crossings
 from dealib.results.elements import Array
 
 if TYPE_CHECKING:
@@ -153,32 +154,38 @@ class CapacitanceMap:
         Raises:
             ValueError: If the map knows no such capacitance at this voltage.
         """
-        from scipy.optimize import brentq
-
-        u = np.linspace(self.low, self.high, 201)
-        off = self.capacitance(u, voltage) - capacitance
-        rounding = 1e-9 * abs(capacitance)
-        off[np.abs(off) < rounding] = 0.0
-        where = np.flatnonzero(off[1:] * off[:-1] <= 0)
-        if len(where) == 0:
+        found = self._displacements(capacitance, voltage)
+        if not found:
             raise ValueError(
                 f"no displacement from {self.low:g} to {self.high:g} mm has {capacitance:g} pF at "
                 f"{voltage:g} kV"
             )
-        for k in (where[0], where[0] + 1):
-            if off[k] == 0:
-                return float(u[k])
+        return found[0]
 
-        def difference(x: float) -> float:
-            return float(self.capacitance(x, voltage)) - capacitance
+    def _displacements(self, capacitance: float, voltage: float) -> list[float]:
+        def off(u: Array) -> Array:
+            found = np.asarray(self.capacitance(u, voltage) - capacitance)
+            return np.where(np.abs(found) < 1e-9 * abs(capacitance), 0.0, found)
 
-        return float(brentq(difference, u[where[0]], u[where[0] + 1], xtol=1e-12))
+        return crossings(self._grid, off)
+
+    @property
+    def _grid(self) -> Array:
+        return np.linspace(self.low, self.high, 201)
+
+    @property
+    def turns(self) -> bool:
+        """Whether the capacitance turns: two displacements then have the same one."""
+        steps = np.array([np.diff(s.at(self._grid)) for s in self.sweeps])
+        rise, fall = steps.clip(min=0).sum(axis=1), -steps.clip(max=0).sum(axis=1)
+        return bool((np.minimum(rise, fall) > 1e-3 * np.maximum(rise, fall)).any())
 
     def errors(self) -> list[tuple[float, float]]:
         """Voltage (kV) and largest error of `displacement` (mm), by leaving points out.
 
         Every second displacement of all sweeps makes a map of its own, which is asked for the
-        others; where it knows no such capacitance, the error is that to the nearest one it knows.
+        others; where it knows no such capacitance, the error is that to the nearest one it knows,
+        and where there are several displacements, that to the nearest of these.
         """
         half = CapacitanceMap(
             [Sweep(s.voltage, s.displacement[::2], s.capacitance[::2]) for s in self.sweeps]
@@ -188,8 +195,9 @@ class CapacitanceMap:
             inside = (s.displacement > half.low) & (s.displacement < half.high)
             inside[::2] = False
             points = zip(s.displacement[inside], s.capacitance[inside], strict=True)
-            known = half.capacitance(np.linspace(half.low, half.high, 201), s.voltage)
+            known = half.capacitance(half._grid, s.voltage)
             ends = known.min(), known.max()
-            off = [abs(half.displacement(np.clip(C, *ends), s.voltage) - u) for u, C in points]
-            found.append((s.voltage, max(off, default=np.nan)))
+            back = [(u, half._displacements(np.clip(C, *ends), s.voltage)) for u, C in points]
+            off = [np.abs(np.array(ways) - u).min() for u, ways in back]
+            found.append((s.voltage, float(max(off, default=np.nan))))
         return found
