@@ -21,7 +21,8 @@ from dealib.config.messages import problem, validate
 from dealib.config.schema import Config
 from dealib.config.source import Source
 from dealib.errors import ConfigError
-from dealib.study.schema import MaterialTest, Study
+from dealib.study import scope
+from dealib.study.schema import MaterialTest, Study, Where
 
 # what results depend on, besides the config
 _PHYSICS = ("config", "fem", "geometry", "materials", "program", "units.py")
@@ -59,9 +60,21 @@ class Plan:
     cases: tuple[Planned, ...]
     source: Source
 
+    def chosen(self, where: Where) -> list[Planned]:
+        """The cases that a selection means."""
+        return [case for case in self.cases if selected(case, where)]
+
     def fault(self, where: tuple[str | int, ...], problem: str) -> ConfigError:
         """An error that points at a place of the study's file."""
         return ConfigError(self.source.message(where, problem))
+
+
+def selected(case: Planned, where: Where) -> bool:
+    """Whether a case has the labels of a selection."""
+    return all(
+        case.axes[axis] in ((labels,) if isinstance(labels, str) else labels)
+        for axis, labels in where.items()
+    )
 
 
 def read(path: Path) -> Plan:
@@ -85,7 +98,9 @@ def read(path: Path) -> Plan:
         raise ConfigError(
             source.message(("label",), f"several cases are named {sorted(twice)[0]!r}")
         )
-    return Plan(study, path, tuple(cases), source)
+    plan = Plan(study, path, tuple(cases), source)
+    scope.check(plan)
+    return plan
 
 
 def find(path: Path) -> list[Path]:
