@@ -263,6 +263,21 @@ def test_mistakes_in_a_study(tmp_path, old, new, message):
     assert message in str(error.value)
 
 
+def test_configs_beside_studies_are_left_out(folder, tmp_path):
+    for name in ("tiny", "study", "sweep"):
+        (tmp_path / f"{name}.yaml").write_text((folder / f"{name}.yaml").read_text())
+    (tmp_path / "fit.yaml").write_text("name: fit\nbase: tiny.yaml\nparameters: {}\ndata: []\n")
+    assert [p.name for p in find(tmp_path)] == ["study.yaml", "sweep.yaml"]
+    (tmp_path / "study.yaml").write_text(STUDY.replace("base: tiny.yaml", "base: none.yaml"))
+    done = run_cli(tmp_path, "study", ".")
+    assert (done.returncode, done.stdout) == (2, "no studies, left out: fit.yaml, tiny.yaml\n")
+    assert "none.yaml: cannot read the config" in done.stderr
+    for name in ("study", "sweep"):
+        (tmp_path / f"{name}.yaml").unlink()
+    with pytest.raises(ConfigError, match=r"no study here \(a study is a \*\.yaml file with "):
+        find(tmp_path)
+
+
 # --- running -------------------------------------------------------------------------------------
 
 

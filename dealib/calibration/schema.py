@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
@@ -118,7 +119,7 @@ class Fit(Section):
     @property
     def directory(self) -> str:
         """Directory of the results."""
-        return self.output.directory or f"runs/{self.name}"
+        return os.path.expanduser(self.output.directory or f"runs/{self.name}")
 
 
 class Plan:

@@ -16,6 +16,7 @@ from typing import Any
 from pydantic import ValidationError
 
 import dealib
+from dealib.calibration.schema import Fit
 from dealib.config import load
 from dealib.config.messages import problem, validate
 from dealib.config.schema import Config
@@ -104,17 +105,24 @@ def read(path: Path) -> Plan:
 
 
 def find(path: Path) -> list[Path]:
-    """The study files that a path means: itself, or all in a folder.
+    """The study files that a path means: itself, or all in a folder; configs there are left out.
 
     Raises:
         ConfigError: If there are none.
     """
     if not path.is_dir():
         return [path]
-    found = sorted(p for p in path.glob("*.yaml"))
+    found = sorted(p for p in path.glob("*.yaml") if _is_study(p))
     if not found:
-        raise ConfigError(f"{path}: no study here (a study is a *.yaml file)")
+        raise ConfigError(f"{path}: no study here (a study is a *.yaml file with a title)")
     return found
+
+
+def _is_study(path: Path) -> bool:
+    """Whether a file has a key that only studies have."""
+    own = set(Study.model_fields) - set(Config.model_fields) - set(Fit.model_fields)
+    text = path.read_text(encoding="utf-8", errors="replace")
+    return not own.isdisjoint(re.findall(r"^(\w+):", text, re.M))
 
 
 # --- variations ----------------------------------------------------------------------------------
