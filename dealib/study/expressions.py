@@ -47,8 +47,9 @@ KINDS = {
     "stage": "name of a stage",
     "key": "dotted key of the config, such as `geometry.film_thickness` or `program.1.duration`",
     "timing": "name of a part in `timings` of run.json, such as `solve`",
-    "field": "name of a field, such as `S_RR`, `E` or `phi`, as in `dealib plot --field`",
-    "profile": "the same, or `D_n` (charge density on the film's face), or `length` in mm",
+    "field": "name of a field, such as `S_RR`, `E` or `phi`, as in `dealib plot --field`, "
+    "but in mm, kV, MV/m, C/m², MPa",
+    "profile": "the same, or `D_n` (charge density on the film's face, C/m²), or `length` (mm)",
     "region": "`film`, `top_electrode`, `bottom_electrode`, `air`, `mount_block`, `frame_block`",
     "along": "from 0, the inner end, to 1, the outer end",
     "across": "from 0, the bottom, to 1, the top",
