@@ -62,11 +62,19 @@ def _command() -> int:
     from dealib.cli.usage import UsageError, explain
     from dealib.errors import ConfigError
 
-    arguments = sys.argv[1:] or ["--help"]
+    arguments = [_at_home(a) for a in sys.argv[1:]] or ["--help"]
     try:
         return int(app(arguments, prog_name="dealib", standalone_mode=False) or 0)
     except UsageError as error:
-        raise ConfigError(explain(error)) from None
+        raise ConfigError(explain(error, arguments)) from None
+
+
+def _at_home(argument: str) -> str:
+    """An argument, or the value in `--out=~/x`, with the user's home where the shell left a '~'."""
+    option, sign, value = argument.partition("=")
+    if argument.startswith("--") and value.startswith("~"):
+        return f"{option}{sign}{os.path.expanduser(value)}"
+    return os.path.expanduser(argument)
 
 
 def _ranks() -> int:

@@ -386,6 +386,9 @@ USAGE = [
     (["run", "x", "--mpi", "a"],
      "--mpi: expected a whole number, not 'a' (see: dealib run --help)"),
     (["check", "a", "b"], "got unexpected extra argument(s) (b) (see: dealib check --help)"),
+    (["run", "x", "--set"], "option '--set' requires an argument (see: dealib run --help)"),
+    (["plot", "x", "--out"], "option '--out' requires an argument (see: dealib plot --help)"),
+    (["--foo"], "no such option: --foo (see: dealib --help)"),
     (["check", "none.yaml"], "none.yaml: cannot read the config: No such file or directory"),
     (["check", "."], ".: cannot read the config: Is a directory"),
     (["info", "."], ".: no run here (there is no run.json)"),
@@ -625,6 +628,25 @@ def test_bad_mesh_file(dealib, tmp_path, good_mesh, change, edits, expected):
     assert err.startswith(f"dealib: mesh.file mine.msh: {expected}")
     assert len(err.splitlines()) == 1
     assert snapshot(tmp_path) == before
+
+
+def test_home_is_the_users(dealib, tmp_path, monkeypatch):
+    """Where the shell has left a '~' as it is: in quotes, after '=', in a config."""
+    home = tmp_path / "home"
+    home.mkdir()
+    monkeypatch.setenv("HOME", str(home))
+    (tmp_path / "case.yaml").write_text((ROOT / "tests" / "small.yaml").read_text())
+    short = ["--set", "program.0.steps=1", "--set", "program.1.steps=2"]
+    run = ["run", "case.yaml", *short]
+    assert dealib(*run, "--set", "output.directory=~/a")[0] == 0
+    assert dealib(*run, "--out", "~/b")[0] == 0
+    assert dealib("mesh", "case.yaml", "--out=~/c.msh")[:2] == (
+        0,
+        f"{home}/c.msh: 8 cells (film 8)\n",
+    )
+    assert dealib(*run, "--set", "mesh.file=~/c.msh", "--out", "~/d")[0] == 0
+    assert sorted(p.name for p in home.glob("[a-z]*")) == ["a", "b", "c.msh", "d"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["case.yaml", "home"]
 
 
 # --- the same from outside -----------------------------------------------------------------------

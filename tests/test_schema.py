@@ -10,9 +10,13 @@ from ruamel.yaml import YAML
 from typer.testing import CliRunner
 
 import dealib
+from dealib.calibration.schema import Fit
 from dealib.cli.app import app
+from dealib.config.columns import COLUMNS
 from dealib.config.reference import MODELINE, json_text, reference
 from dealib.config.templates import TEMPLATES
+from dealib.study.expressions import COMMON, KINDS, OF_A_CASE, OF_ALL_CASES
+from dealib.study.schema import MaterialTest, Study
 
 VALIDATOR = jsonschema.Draft202012Validator(json.loads(json_text()))
 
@@ -33,6 +37,49 @@ def test_committed_files_are_current():
     assert (CONFIGS / "REFERENCE.md").read_text() == reference(), again
     assert call("schema") == json_text()
     assert call("schema", "--reference") == reference()
+
+
+PAGES = {"study": ("studies", Study), "fit": ("fits", Fit)}
+
+
+@pytest.mark.parametrize("of", PAGES)
+def test_reference_of_studies_and_fits_is_current_and_whole(of):
+    folder, model = PAGES[of]
+    page = call("schema", "--of", of, "--reference")
+    again = f"run: dealib schema --of {of} --reference --overwrite --out FILE"
+    assert (CONFIGS / folder / "REFERENCE.md").read_text() == page, again
+    schema = json.loads(call("schema", "--of", of))
+    jsonschema.Draft202012Validator.check_schema(schema)
+    parts = [schema, *schema["$defs"].values()]
+    if of == "study":
+        parts.append(MaterialTest.model_json_schema())
+        for name in (*COMMON, *OF_A_CASE, *OF_ALL_CASES):
+            assert f"| `{name}(" in page, name
+        for signature in (*OF_A_CASE.values(), *OF_ALL_CASES.values()):
+            assert set(signature.arguments) <= set(KINDS)
+        for column in COLUMNS:
+            assert f"| `{column}` |" in page, column
+    assert list(schema["properties"]) == list(model.model_fields)
+    for part in parts:
+        for key in part.get("properties", {}):
+            assert f"| `{key}` |" in page, key
+
+
+@pytest.mark.parametrize(
+    "path",
+    [*sorted(CONFIGS.glob("thesis/*.yaml")), *sorted(CONFIGS.glob("*s/*.yaml"))],
+    ids=lambda p: f"{p.parent.name}/{p.stem}",
+)
+def test_shipped_studies_and_fits_meet_their_schema(path):
+    model = Fit if path.parent.name == "fits" else Study
+    schema = json.loads(json_text(model))
+    assert list(jsonschema.Draft202012Validator(schema).iter_errors(read(path.read_text()))) == []
+
+
+def test_schema_of_something_else(tmp_path):
+    done = CliRunner().invoke(app, ["schema", "--of", "studdy"])
+    assert isinstance(done.exception, dealib.ConfigError)
+    assert str(done.exception) == "--of studdy: unknown; did you mean 'study'?"
 
 
 def test_schema_is_valid_and_describes_every_key():

@@ -14,7 +14,7 @@ import pytest
 
 import dealib
 from dealib.errors import ConfigError
-from dealib.study import sweep
+from dealib.study import sample, sweep
 from dealib.study.cache import Cache
 from dealib.study.evaluate import Results
 from dealib.study.expressions import OF_A_CASE, Expression
@@ -186,6 +186,73 @@ def test_key_is_that_of_the_physics(folder, tmp_path):
         ("[30 um, 60 um]", "[30 um, 60 kg]", "case '60 kg, neo-Hookean'"),
         ("base: tiny.yaml", "base: none.yaml", "none.yaml: cannot read the config"),
         ("group: law", "group: laws", "'laws' is no axis of vary"),
+        # what no case will have is told before any is solved
+        (
+            "-end(displacement_mm,",
+            "-end(displacment_mm,",
+            "study.yaml:14:10: quantities.depth: unknown name 'displacment_mm'; did you mean "
+            "'displacement_mm'?",
+        ),
+        (
+            '(displacement_mm, "push")',
+            '(displacement_mm, "pusch")',
+            "quantities.depth: there is no stage 'pusch'; did you mean 'push'?",
+        ),
+        (
+            '(displacement_mm, "push")',
+            "(displacement_mm, push)",
+            "quantities.depth: 'push' is a stage; put it in double quotes",
+        ),
+        (
+            "{stage: raise,",
+            "{stage: push,",
+            "quantities.depth: several stages are named 'push'; give each a name of its own",
+        ),
+        (
+            '"D_n", "film", 0.5, 1,',
+            '"D_m", "film", 0.5, 1,',
+            "quantities.charge: there is no field 'D_m'; did you mean 'D_n'?",
+        ),
+        (
+            '"D_n", "film", 0.5, 1,',
+            '"D_n", "flim", 0.5, 1,',
+            "quantities.charge: there is no region 'flim'; did you mean 'film'?",
+        ),
+        (
+            '"D_n", "film", 0.5, 1,',
+            '"D_n", "film", 1.5, 1,',
+            "quantities.charge: along is a fraction from 0 to 1, not 1.5",
+        ),
+        (
+            '"D_n", "film", 0.5, 1,',
+            '"D_n", "film", 0.5, -1 / 4,',
+            "quantities.charge: across is a fraction from 0 to 1, not -0.25",
+        ),
+        (
+            'geometry.film_thickness")',
+            'geometry.film_thicknes")',
+            "quantities.thickness: the config has no 'geometry.film_thicknes'",
+        ),
+        (
+            "x: {value: -displacement_mm,",
+            "x: {value: -displacement,",
+            "panels.0.x.value: unknown name 'displacement'; did you mean 'displacement_mm'?",
+        ),
+        (
+            "field: E\n",
+            "field: F\n",
+            "panels.2.field: there is no field 'F'; known: phi, J, tension,",
+        ),
+        (
+            "stage: push\n  - {kind",
+            "stage: puch\n  - {kind",
+            "panels.2.stage: there is no stage 'puch'; did you mean 'push'?",
+        ),
+        (
+            'of(depth, "30 um, neo-Hookean")',
+            'of(depth, "30 um, neo-Hooke")',
+            "comparison: there is no case '30 um, neo-Hooke'; did you mean '30 um, neo-Hookean'?",
+        ),
     ],
 )
 def test_mistakes_in_a_study(tmp_path, old, new, message):
@@ -194,6 +261,21 @@ def test_mistakes_in_a_study(tmp_path, old, new, message):
     with pytest.raises(ConfigError) as error:
         read(tmp_path / "study.yaml")
     assert message in str(error.value)
+
+
+def test_configs_beside_studies_are_left_out(folder, tmp_path):
+    for name in ("tiny", "study", "sweep"):
+        (tmp_path / f"{name}.yaml").write_text((folder / f"{name}.yaml").read_text())
+    (tmp_path / "fit.yaml").write_text("name: fit\nbase: tiny.yaml\nparameters: {}\ndata: []\n")
+    assert [p.name for p in find(tmp_path)] == ["study.yaml", "sweep.yaml"]
+    (tmp_path / "study.yaml").write_text(STUDY.replace("base: tiny.yaml", "base: none.yaml"))
+    done = run_cli(tmp_path, "study", ".")
+    assert (done.returncode, done.stdout) == (2, "no studies, left out: fit.yaml, tiny.yaml\n")
+    assert "none.yaml: cannot read the config" in done.stderr
+    for name in ("study", "sweep"):
+        (tmp_path / f"{name}.yaml").unlink()
+    with pytest.raises(ConfigError, match=r"no study here \(a study is a \*\.yaml file with "):
+        find(tmp_path)
 
 
 # --- running -------------------------------------------------------------------------------------
@@ -283,21 +365,28 @@ def test_sweep_in_ranks(folder):
     assert list(summary["case"]) == [c.label for c in serial.cases]
 
 
-class Watcher:
-    """Kills the worker of the first job at its first step."""
-
-    killed = None
+class Idle:
+    """Watches nothing."""
 
     def begin(self, worker, job):
         pass
 
     def step(self, worker, job, step, total):
-        if self.killed is None:
-            self.killed = job.label
-            os.kill(multiprocessing.active_children()[0].pid, signal.SIGKILL)
+        pass
 
     def end(self, worker, outcome):
         pass
+
+
+class Watcher(Idle):
+    """Kills the worker of the first job at its first step."""
+
+    killed = None
+
+    def step(self, worker, job, step, total):
+        if self.killed is None:
+            self.killed = job.label
+            os.kill(multiprocessing.active_children()[0].pid, signal.SIGKILL)
 
 
 def test_a_dead_worker_is_reported_and_replaced(folder, tmp_path):
@@ -324,16 +413,57 @@ def test_same_forms_are_never_compiled_together():
     assert queue.take() is None
 
 
-def test_failed_quantity_points_at_the_study(folder):
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('field("S_RR", "film", min(force_N) / 0 - 1, 0.5, "push")',
+         "along is a fraction from 0 to 1, not -inf"),
+        ('timing("solv")', "no timing 'solv'; did you mean 'solve'?"),
+        ('during(force_N, "push")', "this gives 3 numbers, not one"),
+    ],
+)  # fmt: skip
+def test_failed_quantity_points_at_the_study(folder, text, message):
+    """What only the results can tell."""
     plan = read(folder / "study.yaml")
     cache = Cache(folder / "cases")
     for job in sweep.missing([plan], cache):
-        list(sweep.solve([job], lambda j: in_processes(j, 1, Watcher())))
+        list(sweep.solve([job], lambda j: in_processes(j, 1, Idle())))
     broken = folder / "broken.yaml"
-    broken.write_text(STUDY.replace('"push")\n  charge', '"pusch")\n  charge'))
+    broken.write_text(STUDY.replace('-end(displacement_mm, "push")', text))
     plan = read(broken)
-    with pytest.raises(ConfigError, match="no stage 'pusch' in the results; did you mean 'push'"):
+    with pytest.raises(ConfigError, match=re.escape(f"quantities.depth: {message}\n")):
         Results(plan, cache, sweep.statuses(plan, cache, {}))
+
+
+@pytest.mark.parametrize(
+    ("field", "region", "carriers"),
+    [
+        ("S_RR", "air", "film, top_electrode, bottom_electrode"),
+        ("sigma_ZZ", "mount_block", "film, top_electrode, bottom_electrode"),
+        ("tension", "top_electrode", "film"),
+        ("wrinkling_use", "air", "film"),
+        ("D_n", "air", "film"),
+    ],
+)
+def test_a_field_that_a_region_does_not_carry_is_refused(field, region, carriers):
+    with pytest.raises(ValueError, match=f"^{field} is a field of {carriers}, not of {region}$"):
+        sample.check(field, region)
+    for there in carriers.split(", "):
+        sample.check(field, there)
+
+
+def test_settings_in_points_and_windows(folder, tmp_path):
+    (tmp_path / "tiny.yaml").write_text(BASE)
+    text = STUDY.replace(
+        "value: 1000 * thickness", 'value: 1000 * setting("geometry.film_thickness")'
+    )
+    assert text != STUDY
+    (tmp_path / "study.yaml").write_text(text)
+    plan = read(tmp_path / "study.yaml")
+    cache = Cache(tmp_path / "none")
+    results = Results(plan, cache, sweep.statuses(plan, cache, {}))
+    assert [c.x.tolist() for c in results.curves(1)] == [[30, 60], [30, 60]]
+    assert results.over('max(setting("geometry.film_thickness"))', range(4)) == 0.06
 
 
 # --- the thesis ----------------------------------------------------------------------------------

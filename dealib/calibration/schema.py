@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from dealib.config import Case, load
 from dealib.config.messages import validate
@@ -19,7 +20,8 @@ from dealib.units import convert, split
 if TYPE_CHECKING:
     Amount: TypeAlias = tuple[float, str]
 else:
-    Amount = Annotated[tuple[float, str], BeforeValidator(split)]
+    _WRITTEN = {"anyOf": [{"type": "number"}, {"type": "string"}]}
+    Amount = Annotated[tuple[float, str], BeforeValidator(split), WithJsonSchema(_WRITTEN)]
 
 
 def _fault(amount: tuple[float, str], unit: str) -> str:
@@ -118,7 +120,7 @@ class Fit(Section):
     @property
     def directory(self) -> str:
         """Directory of the results."""
-        return self.output.directory or f"runs/{self.name}"
+        return os.path.expanduser(self.output.directory or f"runs/{self.name}")
 
 
 class Plan:

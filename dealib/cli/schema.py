@@ -12,13 +12,30 @@ from dealib.config.templates import TEMPLATES, template
 from dealib.errors import ConfigError, PlatformError
 
 
-def write_schema(out: Path | None, *, page: bool, overwrite: bool) -> None:
-    """Print or write the JSON schema, or the reference page.
+def _text(of: str, page: bool) -> str:
+    """Schema or reference page of one kind of file."""
+    if of == "config":
+        return reference.reference() if page else reference.json_text()
+    if of == "study":
+        from dealib.study import reference as study
+        from dealib.study.schema import Study
+
+        return study.reference() if page else reference.json_text(Study)
+    if of == "fit":
+        from dealib.calibration import reference as fit
+        from dealib.calibration.schema import Fit
+
+        return fit.reference() if page else reference.json_text(Fit)
+    raise ConfigError(f"--of {of}: unknown{did_you_mean(of, ('config', 'study', 'fit'))}")
+
+
+def write_schema(out: Path | None, *, of: str, page: bool, overwrite: bool) -> None:
+    """Print or write the JSON schema, or the reference page, of one kind of file.
 
     Raises:
-        ConfigError: If the file exists or its folder does not.
+        ConfigError: If there is no such kind, the file exists or its folder does not.
     """
-    text = reference.reference() if page else reference.json_text()
+    text = _text(of, page)
     if out is None:
         typer.echo(text, nl=False)
         return

@@ -81,12 +81,13 @@ def init(
 def schema(
     out: Annotated[Path | None, typer.Option(help="file; default: print")] = None,
     reference: Annotated[bool, typer.Option("--reference", help="page of all keys")] = False,
+    of: Annotated[str, typer.Option(help="config, study or fit")] = "config",
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the file")] = False,
 ) -> None:
-    """Print the JSON schema of configs, for editors, or a page of all keys."""
+    """Print the JSON schema of configs, studies or fits, for editors, or a page of all keys."""
     from dealib.cli.schema import write_schema
 
-    write_schema(out, page=reference, overwrite=overwrite)
+    write_schema(out, of=of, page=reference, overwrite=overwrite)
 
 
 @app.command()

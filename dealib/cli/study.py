@@ -82,7 +82,11 @@ def _sweep_in_ranks(plans: list[Plan], folder: Path, store: Cache, retry: bool) 
 
 
 def _read(path: Path) -> list[Plan]:
-    return [planning.read(p) for p in planning.find(path)]
+    found = planning.find(path)
+    others = sorted(set(path.glob("*.yaml")) - set(found)) if path.is_dir() else []
+    if others:
+        typer.echo(f"no studies, left out: {', '.join(p.name for p in others)}")
+    return [planning.read(p) for p in found]
 
 
 def _name(path: Path, plans: list[Plan]) -> str:

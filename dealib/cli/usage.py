@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 import typer
 
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # of which all of typer's are kinds
 
 
-def explain(error: Exception) -> str:
-    """Typer's usage error as one line: what is wrong, and which help says more."""
+def explain(error: Exception, arguments: Sequence[str] = ()) -> str:
+    """Typer's usage error as one line: what is wrong, and which help says more.
+
+    Args:
+        error: The error.
+        arguments: The command line; the parser forgets the command if an option lacks its value.
+    """
     from pydantic import ValidationError
 
     from dealib.config.messages import problem
@@ -25,5 +31,7 @@ def explain(error: Exception) -> str:
         said = re.sub(r" \(Possible options: (\S+).*\)$", r"; did you mean \1", said)
         said = re.sub(r"\. Did you mean (.*)\?$", r"; did you mean \1", said)
     context = getattr(error, "ctx", None)
-    command = context.info_name if context is not None and context.parent is not None else ""
+    command = arguments[0] if context is None and arguments else ""
+    if context is not None and context.parent is not None:
+        command = context.info_name
     return f"{said} (see: {' '.join(filter(None, ('dealib', command, '--help')))})"

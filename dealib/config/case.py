@@ -49,8 +49,9 @@ def load(path: str | Path, set: Mapping[str, Any] | Iterable[str] | None = None)
         source.override(assignment)
     config = validate(Config, source)
     if config.mesh.file is not None:
-        mesh = source.path.parent / config.mesh.file
-        found = mesh if mesh.exists() else Path(config.mesh.file)
+        given = Path(config.mesh.file).expanduser()
+        mesh = source.path.parent / given
+        found = mesh if mesh.exists() else given
         if not found.exists():
             problem = f"there is no file {config.mesh.file!r} (looked in . and {mesh.parent})"
             raise ConfigError(source.message(("mesh", "file"), problem))

@@ -6,6 +6,8 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
+from pydantic import BaseModel
+
 from dealib.config.schema import Config
 from dealib.materials.published import library
 from dealib.units import DIMENSIONS
@@ -15,16 +17,16 @@ SCHEMA_FILE = "dealib.schema.json"
 MODELINE = f"# yaml-language-server: $schema={SCHEMA_FILE}"
 
 
-def json_schema() -> Node:
-    """JSON schema of the config; quantities carry their dimension and an example."""
-    schema = Config.model_json_schema()
+def json_schema(model: type[BaseModel] = Config) -> Node:
+    """JSON schema of a file; quantities carry their dimension and an example."""
+    schema = model.model_json_schema()
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
     return dict(_tidy(schema))
 
 
-def json_text() -> str:
+def json_text(model: type[BaseModel] = Config) -> str:
     """The JSON schema as a file's text."""
-    return json.dumps(json_schema(), indent=2) + "\n"
+    return json.dumps(json_schema(model), indent=2) + "\n"
 
 
 def _tidy(node: Any) -> Any:
@@ -99,6 +101,8 @@ def kind(node: Node) -> str:
     if node.get("type") == "array":
         items = node.get("prefixItems")
         return f"list of {len(items)}" if items else "list"
+    if node.get("type") == "object" and "properties" not in node:
+        return "mapping"
     names = {"integer": "whole number", "number": "number", "string": "text", "boolean": "switch"}
     limits = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
     bounds = [f"{sign} {node[key]:g}" for key, sign in limits.items() if key in node]
@@ -107,7 +111,6 @@ def kind(node: Node) -> str:
 
 def reference() -> str:
     """The page of all keys, in Markdown."""
-    schema = json_schema()
     head = [
         "# All keys of a config",
         "",
@@ -118,8 +121,13 @@ def reference() -> str:
         "|---|---|",
         *(f"| {name} | `{example}` |" for name, (_, example) in DIMENSIONS.items()),
     ]
-    seen: set[str] = set()
-    return "\n".join([*head, *_section(schema, "", schema["$defs"], seen), *_library()]) + "\n"
+    return "\n".join([*head, *sections(Config), *_library()]) + "\n"
+
+
+def sections(model: type[BaseModel]) -> Iterator[str]:
+    """The lines of all sections of a file, with a table of its keys each."""
+    schema = json_schema(model)
+    yield from _section(schema, "", schema.get("$defs", {}), set())
 
 
 def _library() -> Iterator[str]:
@@ -135,30 +143,39 @@ def _sections(items: Node) -> Node:
     return next((choice for choice in items.get("anyOf", []) if "$ref" in choice), items)
 
 
-def _section(node: Node, path: str, defs: Node, seen: set[str], law: str = "") -> Iterator[str]:
+def _inner(value: Node) -> tuple[Node, str]:
+    """What a key holds or its items hold, and how its path goes on."""
+    items = _sections(value.get("items", {}))
+    if "$ref" in items or "discriminator" in items:
+        return items, "[]"
+    free = value.get("additionalProperties")
+    return (free, ".KEY") if isinstance(free, dict) and "$ref" in free else (value, "")
+
+
+def _section(node: Node, path: str, defs: Node, seen: set[str], tag: str = "") -> Iterator[str]:
     heading = f"## `{path}`" if path else "## Top level"
-    yield from ("", heading + (f" with law `{law}`" if law else ""), "")
+    yield from ("", f"{heading} with {tag}" if tag else heading, "")
     yield from (node.get("description", ""), "")
     yield from ("| key | value | default | meaning |", "|---|---|---|---|")
     below: list[tuple[str, Node]] = []
     for key, value in node["properties"].items():
         required = "*needed*" if key in node.get("required", ()) else ""
         default = f"`{value['default']}`" if value.get("default", "") != "" else required
-        items = _sections(value.get("items", {}))
-        inner = items if "$ref" in items else value
+        inner, on = _inner(value)
         if "$ref" in inner or "discriminator" in inner:
-            below.append((f"{path}.{key}".lstrip(".") + ("[]" if inner is items else ""), inner))
+            below.append((f"{path}.{key}".lstrip(".") + on, inner))
         for choice in value.get("anyOf", []):
             if "$ref" in choice:
                 below.append((f"{path}.{key}".lstrip("."), choice))
         means = meaning(value) or resolve(inner, defs).get("description", "")
-        what = "list of sections" if inner is items and inner else kind(value)
+        what = {"[]": "list of sections", ".KEY": "sections by key"}.get(on) or kind(value)
         yield f"| `{key}` | {what} | {default} | {means} |".replace("  ", " ")
     for name, inner in below:
         tagged = variants(inner, defs)
+        by = inner.get("discriminator", {}).get("propertyName")
         for tag, variant in tagged.items():
             if tag not in seen:
-                yield from _section(variant, name, defs, seen, tag)
+                yield from _section(variant, name, defs, seen, f"{by} `{tag}`")
         if tagged and seen.issuperset(tagged):
             keys = "`, `".join(tagged)
             yield from ("", f"## `{name}`", "", f"Laws and their parameters as above: `{keys}`.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from typing import Annotated, Literal
 
@@ -232,7 +233,7 @@ class Config(Section):
     @property
     def directory(self) -> str:
         """Run directory."""
-        return self.output.directory or f"runs/{self.name}"
+        return os.path.expanduser(self.output.directory or f"runs/{self.name}")
 
     @model_validator(mode="after")
     def _consistent(self) -> Config:

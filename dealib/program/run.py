@@ -116,7 +116,7 @@ def simulate(
     begin = time.perf_counter() if started is None else started
     if not isinstance(case, Case):
         case = load(case)
-    path = Path(directory or case.config.directory)
+    path = Path(directory or case.config.directory).expanduser()
     info: dict[str, Any] = {
         "name": case.config.name,
         "status": "running",

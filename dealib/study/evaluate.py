@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,8 +16,9 @@ from dealib.results.reader import Run
 from dealib.study.cache import DONE, FAILED, Cache
 from dealib.study.expressions import OF_ALL_CASES, Expression
 from dealib.study.outcome import Outcome
-from dealib.study.plan import Plan, Planned, fill
+from dealib.study.plan import Plan, fill, selected
 from dealib.study.schema import INSERT, Axis, Curves, Points, Where, Window
+from dealib.study.scope import setting
 from dealib.study.sweep import CaseStatus
 
 if TYPE_CHECKING:
@@ -145,7 +146,7 @@ class Results:
 
     def where(self, where: Where) -> list[int]:
         """Indices of the cases that a selection means."""
-        return [i for i, s in enumerate(self.statuses) if _selected(s.case, where)]
+        return [i for i, s in enumerate(self.statuses) if selected(s.case, where)]
 
     def over(self, text: str, rows: Sequence[int]) -> Any:
         """Value of an expression over the quantities of some cases.
@@ -161,7 +162,10 @@ class Results:
                 raise ValueError(f"no case {label!r}{did_you_mean(label, labels)}")
             return float(values[labels.index(label)])
 
-        return Expression(text, OF_ALL_CASES)(chosen, {"of": of})
+        def settings(path: str) -> Array:
+            return np.array([setting(self.statuses[i].case.work, path) for i in rows])
+
+        return Expression(text, OF_ALL_CASES)(chosen, {"of": of, "setting": settings})
 
     @property
     def windows(self) -> list[Verdict]:
@@ -257,13 +261,6 @@ class Results:
                 raise self.plan.fault(("comparison",), f"{match[0]}: {error}") from None
 
         return INSERT.sub(insert, self.study.comparison)
-
-
-def _selected(case: Planned, where: Mapping[str, str | tuple[str, ...]]) -> bool:
-    return all(
-        case.axes[axis] in ((labels,) if isinstance(labels, str) else labels)
-        for axis, labels in where.items()
-    )
 
 
 def _verdict(window: Window, values: Array) -> Verdict:

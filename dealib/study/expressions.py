@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import operator
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,34 +26,75 @@ _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
 _LONGEST = 500  # characters; keeps the parser's recursion shallow
 
 Function = Callable[..., Any]
-# name -> (function, smallest and largest number of arguments)
-COMMON: dict[str, tuple[Function, int, int]] = {
-    "abs": (np.abs, 1, 1),
-    "sqrt": (np.sqrt, 1, 1),
-    "exp": (np.exp, 1, 1),
-    "log": (np.log, 1, 1),
-    "min": (np.min, 1, 1),
-    "max": (np.max, 1, 1),
-    "mean": (np.mean, 1, 1),
-    "sum": (np.sum, 1, 1),
-    "diff": (np.diff, 1, 1),
-    "first": (lambda x: np.atleast_1d(x)[0], 1, 1),
-    "last": (lambda x: np.atleast_1d(x)[-1], 1, 1),
+
+
+@dataclass(frozen=True)
+class Signature:
+    """What a function of the scope takes and gives.
+
+    Attributes:
+        arguments: Kinds, each explained in `KINDS`.
+        meaning: For the reference.
+    """
+
+    arguments: tuple[str, ...]
+    meaning: str
+
+
+KINDS = {
+    "values": "an expression: columns of the history, or in a table of cases, quantities",
+    "number": "a number",
+    "stage": "name of a stage",
+    "key": "dotted key of the config, such as `geometry.film_thickness` or `program.1.duration`",
+    "timing": "name of a part in `timings` of run.json, such as `solve`",
+    "field": "name of a field, such as `S_RR`, `E` or `phi`, as in `dealib plot --field`, "
+    "but in mm, kV, MV/m, C/m², MPa",
+    "profile": "the same, or `D_n` (charge density on the film's face, C/m²), or `length` (mm)",
+    "region": "`film`, `top_electrode`, `bottom_electrode`, `air`, `mount_block`, `frame_block`",
+    "along": "from 0, the inner end, to 1, the outer end",
+    "across": "from 0, the bottom, to 1, the top",
+    "case": "label of a case",
 }
+# name -> function of one argument, and its meaning
+COMMON: dict[str, tuple[Function, str]] = {
+    "abs": (np.abs, "absolute values"),
+    "sqrt": (np.sqrt, "square roots"),
+    "exp": (np.exp, "exponentials"),
+    "log": (np.log, "natural logarithms"),
+    "min": (np.min, "the smallest value"),
+    "max": (np.max, "the largest value"),
+    "mean": (np.mean, "the mean value"),
+    "sum": (np.sum, "the sum"),
+    "diff": (np.diff, "differences of neighbours"),
+    "first": (lambda x: np.atleast_1d(x)[0], "the first value"),
+    "last": (lambda x: np.atleast_1d(x)[-1], "the last value"),
+}
+_SETTING = Signature(("key",), "a number of the config, in mm, s, N, kg, MPa, kV, uC")
 # functions that a case offers on top (see `dealib.study.outcome`)
 OF_A_CASE = {
-    "end": 2,  # end(x, "stage"): x at the end of a stage
-    "start": 2,  # start(x, "stage"): x where a stage begins
-    "during": 2,  # during(x, "stage"): x from there to its end
-    "at": 3,  # at(x, y, 2): x where y first reaches 2
-    "setting": 1,  # setting("geometry.film_thickness"): number of the config, in mm, N, MPa, kV
-    "timing": 1,  # timing("solve"): seconds, from run.json
-    "field": 5,  # field("S_RR", "film", along, across, "stage"): value at a point
-    "along": 4,  # along("S_RR", "film", across, "stage"): values along a region
-    "across": 4,  # across("S_RR", "film", along, "stage"): values through its thickness
+    "end": Signature(("values", "stage"), "the value at the end of a stage"),
+    "start": Signature(("values", "stage"), "the value where a stage begins"),
+    "during": Signature(("values", "stage"), "the values from there to its end"),
+    "at": Signature(
+        ("values", "values", "number"), "the first values where the second first reach a number"
+    ),
+    "setting": _SETTING,
+    "timing": Signature(("timing",), "seconds that a part took, such as solve; see run.json"),
+    "field": Signature(
+        ("profile", "region", "along", "across", "stage"), "a field at a point, at a stage's end"
+    ),
+    "along": Signature(
+        ("profile", "region", "across", "stage"), "its values along a region, at the nodes"
+    ),
+    "across": Signature(
+        ("field", "region", "along", "stage"), "41 values of it through a region's thickness"
+    ),
 }
 # functions that the table of all cases offers on top (see `dealib.study.evaluate`)
-OF_ALL_CASES = {"of": 2}  # of(x, "label"): x of one case
+OF_ALL_CASES = {
+    "of": Signature(("values", "case"), "the value of one case, by its label"),
+    "setting": _SETTING,
+}
 
 
 class Expression:
@@ -60,13 +102,18 @@ class Expression:
 
     Args:
         text: What the user wrote.
-        extra: Functions of the scope besides the common ones, with their number of arguments.
+        extra: Functions of the scope besides the common ones.
+
+    Attributes:
+        names: The names that it reads.
+        calls: The scope's functions that it calls, each with its arguments: None if they are not
+            known before it is evaluated.
 
     Raises:
         ValueError: If it is more than arithmetic, or calls an unknown function.
     """
 
-    def __init__(self, text: str, extra: Mapping[str, int]) -> None:
+    def __init__(self, text: str, extra: Mapping[str, Signature]) -> None:
         self.text = text
         if len(text) > _LONGEST:
             raise ValueError(f"an expression has at most {_LONGEST} characters")
@@ -75,6 +122,7 @@ class Expression:
         except (SyntaxError, ValueError):
             raise ValueError(f"{text!r} is no arithmetic expression") from None
         self._extra = dict(extra)
+        self.calls: list[tuple[str, tuple[Any, ...]]] = []
         self.names = self._check(self._tree)
 
     def _check(self, node: ast.AST) -> frozenset[str]:
@@ -89,19 +137,29 @@ class Expression:
             return self._check(node.left) | self._check(node.right)
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
             self._check_call(node.func.id, len(node.args))
-            return frozenset().union(*(self._check(a) for a in node.args))
+            found = frozenset[str]().union(*(self._check(a) for a in node.args))
+            if node.func.id in self._extra:
+                self.calls.append((node.func.id, tuple(map(self._literal, node.args))))
+            return found
         part = ast.get_source_segment(self.text.strip(), node) or self.text
         raise ValueError(f"{part!r}: only numbers, names, + - * / ** and functions are allowed")
 
     def _check_call(self, name: str, given: int) -> None:
         if name in COMMON:
-            _, low, high = COMMON[name]
+            needed = 1
         elif name in self._extra:
-            low = high = self._extra[name]
+            needed = len(self._extra[name].arguments)
         else:
             raise ValueError(f"unknown function {name!r}{did_you_mean(name, self.functions)}")
-        if not low <= given <= high:
-            raise ValueError(f"{name}() takes {low} argument{'s' * (low > 1)}, not {given}")
+        if given != needed:
+            raise ValueError(f"{name}() takes {needed} argument{'s' * (needed > 1)}, not {given}")
+
+    def _literal(self, node: ast.AST) -> Any:
+        """Value of an argument that reads no names; None otherwise."""
+        try:
+            return self._value(node, {}, {})
+        except (ValueError, TypeError, ArithmeticError, KeyError, IndexError):
+            return None
 
     @property
     def functions(self) -> list[str]:

@@ -18,6 +18,7 @@ from dealib.study import sample
 from dealib.study.expressions import OF_A_CASE, Expression, Function
 from dealib.study.plan import Planned
 from dealib.study.schema import MaterialTest
+from dealib.study.scope import setting
 
 if TYPE_CHECKING:
     import pandas
@@ -70,16 +71,20 @@ class Outcome:
             "start": lambda x, stage: x[self._from(stage)],
             "during": lambda x, stage: x[self._from(stage) : self._rows(stage)[-1] + 1],
             "at": _at,
-            "setting": self._setting,
+            "setting": lambda path: setting(self.case.work, path),
             "timing": self._timing,
             "field": lambda name, region, s, t, stage: sample.at(
-                self.strip(region), self.arrays(stage), name, float(s), float(t)
+                self.strip(region),
+                self.arrays(stage),
+                name,
+                sample.fraction("along", s),
+                sample.fraction("across", t),
             ),
             "across": lambda name, region, s, stage: sample.across(
-                self.strip(region), self.arrays(stage), name, float(s)
+                self.strip(region), self.arrays(stage), name, sample.fraction("along", s)
             ),
             "along": lambda name, region, t, stage: sample.along(
-                self.strip(region), self.arrays(stage), name, float(t)
+                self.strip(region), self.arrays(stage), name, sample.fraction("across", t)
             ),
         }
 
@@ -95,20 +100,6 @@ class Outcome:
     def _from(self, stage: str) -> int:
         """Row in which a stage begins: the last one of the stage before."""
         return max(int(self._rows(stage)[0]) - 1, 0)
-
-    def _setting(self, path: str) -> float:
-        """A number of the config, in internal units."""
-        node: Any = self.case.work
-        for part in path.split("."):
-            try:
-                node = node[int(part)] if part.isdigit() else getattr(node, part)
-            except (AttributeError, IndexError, TypeError):
-                raise ValueError(f"the config has no {path!r}") from None
-        if isinstance(node, tuple) and len(node) == 1:
-            node = node[0]
-        if isinstance(node, bool) or not isinstance(node, (int, float)):
-            raise ValueError(f"{path!r} is no number")
-        return float(node)
 
     def _timing(self, name: str) -> float:
         timings = {} if self.run is None else self.run.info.get("timings", {})

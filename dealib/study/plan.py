@@ -16,12 +16,14 @@ from typing import Any
 from pydantic import ValidationError
 
 import dealib
+from dealib.calibration.schema import Fit
 from dealib.config import load
 from dealib.config.messages import problem, validate
 from dealib.config.schema import Config
 from dealib.config.source import Source
 from dealib.errors import ConfigError
-from dealib.study.schema import MaterialTest, Study
+from dealib.study import scope
+from dealib.study.schema import MaterialTest, Study, Where
 
 # what results depend on, besides the config
 _PHYSICS = ("config", "fem", "geometry", "materials", "program", "units.py")
@@ -59,9 +61,21 @@ class Plan:
     cases: tuple[Planned, ...]
     source: Source
 
+    def chosen(self, where: Where) -> list[Planned]:
+        """The cases that a selection means."""
+        return [case for case in self.cases if selected(case, where)]
+
     def fault(self, where: tuple[str | int, ...], problem: str) -> ConfigError:
         """An error that points at a place of the study's file."""
         return ConfigError(self.source.message(where, problem))
+
+
+def selected(case: Planned, where: Where) -> bool:
+    """Whether a case has the labels of a selection."""
+    return all(
+        case.axes[axis] in ((labels,) if isinstance(labels, str) else labels)
+        for axis, labels in where.items()
+    )
 
 
 def read(path: Path) -> Plan:
@@ -85,21 +99,30 @@ def read(path: Path) -> Plan:
         raise ConfigError(
             source.message(("label",), f"several cases are named {sorted(twice)[0]!r}")
         )
-    return Plan(study, path, tuple(cases), source)
+    plan = Plan(study, path, tuple(cases), source)
+    scope.check(plan)
+    return plan
 
 
 def find(path: Path) -> list[Path]:
-    """The study files that a path means: itself, or all in a folder.
+    """The study files that a path means: itself, or all in a folder; configs there are left out.
 
     Raises:
         ConfigError: If there are none.
     """
     if not path.is_dir():
         return [path]
-    found = sorted(p for p in path.glob("*.yaml"))
+    found = sorted(p for p in path.glob("*.yaml") if _is_study(p))
     if not found:
-        raise ConfigError(f"{path}: no study here (a study is a *.yaml file)")
+        raise ConfigError(f"{path}: no study here (a study is a *.yaml file with a title)")
     return found
+
+
+def _is_study(path: Path) -> bool:
+    """Whether a file has a key that only studies have."""
+    own = set(Study.model_fields) - set(Config.model_fields) - set(Fit.model_fields)
+    text = path.read_text(encoding="utf-8", errors="replace")
+    return not own.isdisjoint(re.findall(r"^(\w+):", text, re.M))
 
 
 # --- variations ----------------------------------------------------------------------------------

@@ -7,11 +7,47 @@ from functools import cached_property
 import numpy as np
 
 from dealib.config.source import did_you_mean
+from dealib.geometry import names
 from dealib.plots.quantities import QUANTITIES
 from dealib.results.elements import Array
 from dealib.results.mesh import Ints, ResultMesh
+from dealib.results.summary import MARGINS
 
 SURFACE_CHARGE, LENGTH = "D_n", "length"
+FIELDS = (*QUANTITIES, SURFACE_CHARGE, LENGTH)
+SOLIDS = (names.FILM, names.TOP_ELECTRODE, names.BOTTOM_ELECTRODE)  # others carry no stress
+
+
+def _carriers(name: str) -> tuple[str, ...]:
+    """Regions that a field belongs to; none if to all."""
+    if name.startswith(("S_", "sigma_")):
+        return SOLIDS
+    field = QUANTITIES[name].field if name in QUANTITIES else name
+    return (names.FILM,) if field in ("tension", SURFACE_CHARGE, *MARGINS) else ()
+
+
+def check(name: str, region: str) -> None:
+    """Raise if a region does not carry a field.
+
+    Raises:
+        ValueError: If so, or if there is no such field.
+    """
+    if name not in FIELDS:
+        raise ValueError(f"unknown field {name!r}{did_you_mean(name, FIELDS)}")
+    carriers = _carriers(name)
+    if carriers and region not in carriers:
+        raise ValueError(f"{name} is a field of {', '.join(carriers)}, not of {region}")
+
+
+def fraction(name: str, value: float) -> float:
+    """A fraction of a region's length or thickness.
+
+    Raises:
+        ValueError: If it is not from 0 to 1.
+    """
+    if not (isinstance(value, (int, float, np.ndarray)) and 0 <= float(value) <= 1):
+        raise ValueError(f"{name} is a fraction from 0 to 1, not {value!r}")
+    return float(value)
 
 
 def component(arrays: dict[str, Array], name: str) -> Array:
@@ -21,8 +57,7 @@ def component(arrays: dict[str, Array], name: str) -> Array:
         ValueError: If the name is unknown.
     """
     if name not in QUANTITIES:
-        known = [*QUANTITIES, SURFACE_CHARGE, LENGTH]
-        raise ValueError(f"unknown field {name!r}{did_you_mean(name, known)}")
+        raise ValueError(f"unknown field {name!r}{did_you_mean(name, FIELDS)}")
     what = QUANTITIES[name]
     return what.of(arrays) / what.factor
 

@@ -30,8 +30,12 @@ def _over_cases(text: str) -> str:
 class MaterialTest(Section):
     """A test of a material alone, instead of a run: columns `stretch`, `strain`, `stress_MPa`."""
 
-    material: ElectrodeMaterial
-    mode: Literal["uniaxial", "equal-biaxial", "pure shear"] = "uniaxial"
+    material: ElectrodeMaterial = Field(
+        description="a law and its parameters, as materials.electrode of a config"
+    )
+    mode: Literal["uniaxial", "equal-biaxial", "pure shear"] = Field(
+        "uniaxial", description="also the name of its one stage"
+    )
     stretch: Limits = Field((1.0, 2.0), description="first and last")
     points: int = Field(61, ge=2, description="equal steps from first to last")
 
@@ -47,10 +51,10 @@ class Axis(Section):
 class Reference(Section):
     """Points or a line to compare with."""
 
-    label: str
-    x: tuple[float, ...] = Field(min_length=1)
-    y: tuple[float, ...] = Field(min_length=1)
-    style: Literal["line", "points"] = "points"
+    label: str = Field(description="in the legend")
+    x: tuple[float, ...] = Field(min_length=1, description="values in the unit of the axis")
+    y: tuple[float, ...] = Field(min_length=1, description="as many, likewise")
+    style: Literal["line", "points"] = Field("points", description="how it is drawn")
 
     @model_validator(mode="after")
     def _pairs(self) -> Reference:
@@ -60,7 +64,7 @@ class Reference(Section):
 
 
 class _Panel(Section):
-    title: str = ""
+    title: str = Field("", description="above the panel")
     where: Where = Field({}, description=_WHERE)
 
 
@@ -71,7 +75,7 @@ class Curves(_Panel):
     x: Axis
     y: Axis
     label: str | None = Field(None, description="of a curve, such as '{law}'; default the case's")
-    references: tuple[Reference, ...] = ()
+    references: tuple[Reference, ...] = Field((), description="what to compare with")
 
     @field_validator("x", "y")
     @classmethod
@@ -87,7 +91,7 @@ class Points(_Panel):
     x: Axis
     y: Axis
     group: str | None = Field(None, description="axis of `vary`: one curve for each of its labels")
-    references: tuple[Reference, ...] = ()
+    references: tuple[Reference, ...] = Field((), description="what to compare with")
 
     @field_validator("x", "y")
     @classmethod
@@ -123,9 +127,9 @@ class Window(Section):
 
     name: str = Field(min_length=1, description="what is compared")
     value: str = Field(description="expression over the quantities of all cases")
-    low: float | None = None
-    high: float | None = None
-    unit: str = ""
+    low: float | None = Field(None, description="smallest value; give low, high or both")
+    high: float | None = Field(None, description="largest value")
+    unit: str = Field("", description="in which all three are told")
     source: str = Field("", description="who says so")
     where: Where = Field({}, description=_WHERE)
 
@@ -147,10 +151,10 @@ class Study(Section):
     source: str = Field("", description="what it is compared with")
     base: str | None = Field(None, description="config that is varied, beside this file")
     material_test: dict[str, Any] | None = Field(
-        None, description="a test of a material instead of a config; see MaterialTest"
+        None, description="a test of a material instead of a config; see below"
     )
     set: dict[str, Any] = Field({}, description="dotted keys of the base that all cases change")
-    program: list[Any] | None = Field(None, description="replaces the base's program")
+    program: list[Any] | None = Field(None, description="stages: it replaces the base's program")
     vary: dict[str, dict[str, Any]] = Field(
         {},
         description="axes, multiplied with each other; an axis is either {key: list, ...}, lists "
@@ -158,9 +162,9 @@ class Study(Section):
     )
     label: str | None = Field(None, description="of a case, such as '{law}, {modulus}'")
     quantities: dict[str, str] = Field({}, description="name: expression, one number a case")
-    panels: tuple[Panel, ...] = ()
+    panels: tuple[Panel, ...] = Field((), description="pictures")
     columns: int = Field(2, ge=1, le=4, description="panels beside each other")
-    windows: tuple[Window, ...] = ()
+    windows: tuple[Window, ...] = Field((), description="what is expected of numbers")
     comparison: str = Field(
         "", description="one sentence; {expression:format} is replaced by its value"
     )

@@ -1,0 +1,61 @@
+"""The reference page of studies, from their schema and the table of functions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from dealib.config.columns import COLUMNS
+from dealib.config.reference import json_schema, kind, meaning, sections
+from dealib.study.expressions import COMMON, KINDS, OF_A_CASE, OF_ALL_CASES
+from dealib.study.schema import MaterialTest, Study
+
+_HEAD = """\
+# All keys of a study
+
+Made by `dealib schema --of study --reference` from the schema and the functions that
+`dealib study` applies. The keys of the config that is varied are in [configs](../REFERENCE.md)."""
+
+_EXPRESSIONS = """
+## Expressions
+
+Numbers, names, `+ - * / **`, brackets and functions. Texts stand in double quotes.
+
+- Over one case, in `quantities` and in `x` and `y` of panels of kind `curves`: names are columns
+  of history.csv, or `stretch`, `strain`, `stress_MPa` of a `material_test`.
+- Over all cases, in `windows`, in panels of kind `points` and in the braces of `comparison`: names
+  are those of `quantities`, each an array with a value of each case that `where` means.
+
+| function | gives | over one case | over all cases |
+|---|---|---|---|"""
+
+
+def reference() -> str:
+    """The page of all keys, functions and columns, in Markdown."""
+    lines = [_HEAD, *sections(Study), *_material_test(), _EXPRESSIONS, *_functions(), *_columns()]
+    return "\n".join(lines) + "\n"
+
+
+def _material_test() -> Iterator[str]:
+    schema = json_schema(MaterialTest)
+    yield from ("", "## `material_test`", "", schema["description"], "")
+    yield from ("| key | value | default | meaning |", "|---|---|---|---|")
+    for key, value in schema["properties"].items():
+        default = f"`{value['default']}`" if "default" in value else "*needed*"
+        yield f"| `{key}` | {kind(value)} | {default} | {meaning(value)} |".replace("  ", " ")
+
+
+def _functions() -> Iterator[str]:
+    for name, (_, gives) in COMMON.items():
+        yield f"| `{name}(values)` | {gives} | x | x |"
+    for name, known in {**OF_A_CASE, **OF_ALL_CASES}.items():
+        one, every = ("x" if name in scope else "" for scope in (OF_A_CASE, OF_ALL_CASES))
+        call = f"{name}({', '.join(known.arguments)})"
+        yield f"| `{call}` | {known.meaning} | {one} | {every} |".replace("  ", " ")
+    yield from ("", "| argument | what |", "|---|---|")
+    yield from (f"| `{name}` | {what} |" for name, what in KINDS.items())
+
+
+def _columns() -> Iterator[str]:
+    yield from ("", "## Columns of history.csv", "")
+    yield from ("Not every run has all of them.", "", "| column | unit |", "|---|---|")
+    yield from (f"| `{name}` | {unit} |".replace("  ", " ") for name, unit in COLUMNS.items())

@@ -1,0 +1,144 @@
+"""What the expressions of a study may ask for: known from its configs, before a case is solved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from dealib.config.columns import COLUMNS
+from dealib.config.schema import Config
+from dealib.config.source import did_you_mean
+from dealib.geometry import names
+from dealib.plots.quantities import QUANTITIES
+from dealib.study import sample
+from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression, Signature
+from dealib.study.schema import Contour, Curves, MaterialTest, Points
+
+if TYPE_CHECKING:
+    from dealib.study.plan import Plan, Planned
+
+Work = Config | MaterialTest
+
+
+def check(plan: Plan) -> None:
+    """Raise what an expression asks for that its cases will not have.
+
+    Raises:
+        ConfigError: With the place in the study's file.
+    """
+    for where, text, functions, cases in _expressions(plan):
+        try:
+            _check(Expression(text, functions), functions, cases)
+        except ValueError as error:
+            raise plan.fault(where, str(error)) from None
+    for i, panel in enumerate(plan.study.panels):
+        if not isinstance(panel, Contour):
+            continue
+        for key in ("field", "stage"):
+            try:
+                for case in plan.chosen(panel.where):
+                    _argument(key, getattr(panel, key), case.work, ())
+            except ValueError as error:
+                raise plan.fault(("panels", i, key), str(error)) from None
+
+
+Found = tuple[tuple[str | int, ...], str, Mapping[str, Signature], "list[Planned]"]
+
+
+def _expressions(plan: Plan) -> Iterable[Found]:
+    """Place, text and functions of each expression, and the cases that it is for."""
+    study = plan.study
+    for name, text in study.quantities.items():
+        yield ("quantities", name), text, OF_A_CASE, list(plan.cases)
+    for i, panel in enumerate(study.panels):
+        if isinstance(panel, (Curves, Points)):
+            functions = OF_A_CASE if isinstance(panel, Curves) else OF_ALL_CASES
+            for key, axis in (("x", panel.x), ("y", panel.y)):
+                where = ("panels", i, key, "value")
+                yield where, axis.value, functions, plan.chosen(panel.where)
+    for i, window in enumerate(study.windows):
+        yield ("windows", i, "value"), window.value, OF_ALL_CASES, plan.chosen(window.where)
+    for text in study.inserts():
+        yield ("comparison",), text, OF_ALL_CASES, list(plan.cases)
+
+
+def _check(
+    expression: Expression, functions: Mapping[str, Signature], cases: Sequence[Planned]
+) -> None:
+    labels = [case.label for case in cases]
+    for case in cases:
+        known = columns(case.work)
+        for name in sorted(expression.names) if functions is OF_A_CASE else ():
+            if name in stages(case.work):
+                raise ValueError(f"{name!r} is a stage; put it in double quotes")
+            if name not in known:
+                raise ValueError(f"unknown name {name!r}{did_you_mean(name, known)}")
+        for function, arguments in expression.calls:
+            for kind, value in zip(functions[function].arguments, arguments, strict=True):
+                if value is not None:
+                    _argument(kind, value, case.work, labels)
+            if "region" in functions[function].arguments:
+                sample.check(*map(str, arguments[:2]))
+
+
+def _argument(kind: str, value: Any, work: Work, labels: Sequence[str]) -> None:
+    """Raise if an argument of a function cannot be; what is not known before is let through."""
+    if kind in ("along", "across"):
+        sample.fraction(kind, value)
+    elif kind == "key":
+        setting(work, str(value))
+    known = {
+        "field": list(QUANTITIES),
+        "profile": list(sample.FIELDS),
+        "region": regions(work),
+        "stage": stages(work),
+        "case": labels,
+    }.get(kind)
+    if kind == "stage" and stages(work).count(value) > 1:
+        raise ValueError(f"several stages are named {value!r}; give each a name of its own")
+    if known is not None and value not in known:
+        what = "field" if kind == "profile" else kind
+        raise ValueError(f"there is no {what} {value!r}{did_you_mean(value, known)}")
+
+
+def columns(work: Work) -> list[str]:
+    """Names that an expression over one case may read."""
+    return list(COLUMNS) if isinstance(work, Config) else ["stretch", "strain", "stress_MPa"]
+
+
+def stages(work: Work) -> list[str]:
+    """Stages in the results; every run begins with a pre-strain."""
+    if not isinstance(work, Config):
+        return [work.mode]
+    given = [stage.stage for stage in work.program]
+    return given if given[0] == "prestrain" else ["prestrain", *given]
+
+
+def regions(work: Work) -> list[str]:
+    """Regions of the mesh."""
+    if not isinstance(work, Config):
+        return []
+    return [name for name, dimension in names.expected(work.geometry).items() if dimension == 2]
+
+
+def setting(work: Work, path: str) -> float:
+    """A number of the config, in internal units.
+
+    Args:
+        work: The config, or the test of a material.
+        path: Dotted key, with list items by their number from 0.
+
+    Raises:
+        ValueError: If there is no such number.
+    """
+    node: Any = work
+    for part in path.split("."):
+        try:
+            node = node[int(part)] if part.isdigit() else getattr(node, part)
+        except (AttributeError, IndexError, TypeError):
+            raise ValueError(f"the config has no {path!r}") from None
+    if isinstance(node, tuple) and len(node) == 1:
+        node = node[0]
+    if isinstance(node, bool) or not isinstance(node, (int, float)):
+        raise ValueError(f"{path!r} is no number")
+    return float(node)
