@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import time
 
 import dealib.cli.clock  # noqa: F401 - starts it
 
@@ -93,6 +94,7 @@ def _abort_all_ranks(code: int) -> None:
 
         sys.stdout.flush()
         sys.stderr.flush()
+        time.sleep(0.5)  # for mpirun to pass it on: an abort kills those that do
         MPI.COMM_WORLD.Abort(code)
 
 
