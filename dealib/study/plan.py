@@ -121,7 +121,10 @@ def find(path: Path) -> list[Path]:
 def _is_study(path: Path) -> bool:
     """Whether a file has a key that only studies have."""
     own = set(Study.model_fields) - set(Config.model_fields) - set(Fit.model_fields)
-    text = path.read_text(encoding="utf-8", errors="replace")
+    try:
+        text = path.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return True  # to read it tells what is wrong
     return not own.isdisjoint(re.findall(r"^(\w+):", text, re.M))
 
 
