@@ -101,19 +101,17 @@ def second_pk(
     hoop = C[..., 2, 2]
     i = Invariants(J ** (-2 / 3) * trace, J ** (-4 / 3) * second, J, J ** (-2 / 3) * hoop)
     d = _derivatives(law, i)
-    C_inverse, one = inverse(C), np.eye(3)
-
-    def times(a: Array, T: Array) -> Array:
-        return np.asarray(a[..., None, None] * T)
-
-    S = 2 * times(d.I1 * J ** (-2 / 3), one - times(trace / 3, C_inverse))
+    # S = unit 1 + inner C^-1 + bend C, and what the hoop direction adds
+    unit, inner = 2 * d.I1 * J ** (-2 / 3), (d.J if pressure is None else pressure) * J
+    inner = inner - unit * trace / 3
+    bend, along = 2 * d.I2 * J ** (-4 / 3), 2 * d.hoop * J ** (-2 / 3)
+    inner = inner - bend * (2 / 3) * second - along * hoop / 3
+    S = inner[..., None, None] * inverse(C)
     if np.any(d.I2):  # many laws do without
-        bend = times(trace, one) - C - times(2 / 3 * second, C_inverse)
-        S += 2 * times(d.I2 * J ** (-4 / 3), bend)
-    if np.any(d.hoop):
-        along = np.diag([0.0, 0.0, 1.0])
-        S += 2 * times(d.hoop * J ** (-2 / 3), along - times(hoop / 3, C_inverse))
-    S += times((d.J if pressure is None else pressure) * J, C_inverse)
+        unit = unit + bend * trace
+        S -= bend[..., None, None] * C
+    for k, more in enumerate((0.0, 0.0, along)):
+        S[..., k, k] += unit + more
     return np.asarray(S * np.outer(stretch, stretch) / stretch.prod())
 
 
@@ -151,7 +149,7 @@ def _derivatives(law: Law, i: Invariants) -> Invariants:
     p, h = law.values, 1e-30
     found = {}
     for name in vars(i):
-        moved: dict[str, Any] = {n: value + 0j for n, value in vars(i).items()}
+        moved: dict[str, Any] = dict(vars(i))  # the others stay real, which is faster
         moved[name] = moved[name] + 1j * h
         energy = law.energy(Invariants(**moved), p) + 0j
         found[name] = np.broadcast_to(np.imag(energy) / h, i.J.shape)
