@@ -44,6 +44,7 @@ def run(
         from dealib.cli.run import run_case
 
         gc.freeze()
+        gc.set_threshold(20_000)  # a run makes hardly any
         gc.enable()
         run_case(
             case,
