@@ -46,7 +46,8 @@ def fraction(name: str, value: float) -> float:
         ValueError: If it is not from 0 to 1.
     """
     if not (isinstance(value, (int, float, np.ndarray)) and 0 <= float(value) <= 1):
-        raise ValueError(f"{name} is a fraction from 0 to 1, not {value!r}")
+        told = repr(value) if isinstance(value, str) else str(value)
+        raise ValueError(f"{name} is a fraction from 0 to 1, not {told}")
     return float(value)
 
 
