@@ -60,5 +60,5 @@ class Recorder:
         """See `Observer`."""
         if self._writer is not None and not isinstance(error, PlatformError):
             begin = time.perf_counter()
-            self._timings["writing"] = self._writer.close(gather=True)
+            self._timings["writing"] = self._writer.close()
             self._timings["output"] += time.perf_counter() - begin

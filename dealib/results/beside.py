@@ -80,9 +80,9 @@ class Beside:
         while self._due:
             self._answer()
 
-    def close(self, gather: bool) -> float:
+    def close(self) -> float:
         """See `Writer`."""
-        self._send("gather" if gather else "leave")
+        self._send("close")
         found = None
         while self._due:
             found = self._answer()

@@ -61,7 +61,7 @@ def _write(messages: queue.Queue[Any], answers: IO[bytes]) -> None:
             writer.add(message)
             _answer(answers, None)
         else:
-            _answer(answers, writer.close(gather=message == "gather"))
+            _answer(answers, writer.close())
 
 
 def _answer(answers: IO[bytes], value: Any) -> None:

@@ -71,12 +71,8 @@ class Writer(Protocol):
     def wait(self) -> None:
         """Return when all records are written."""
 
-    def close(self, gather: bool) -> float:
-        """Write what is left; returns the seconds that writing took.
-
-        Args:
-            gather: Make `results.h5` one file.
-        """
+    def close(self) -> float:
+        """Write what is left, make `results.h5` one file; returns the seconds that writing took."""
 
 
 class StepWriter:
@@ -109,9 +105,8 @@ class StepWriter:
     def wait(self) -> None:
         """See `Writer`."""
 
-    def close(self, gather: bool) -> float:
+    def close(self) -> float:
         """See `Writer`."""
         begin = time.perf_counter()
-        if gather:
-            self._states.close()
+        self._states.close()
         return self.seconds + time.perf_counter() - begin
