@@ -164,6 +164,26 @@ def test_pull_in_with_electrodes_and_air():
     assert h["capacitance_pF"].iloc[11:].to_numpy() == pytest.approx(ratio.iloc[11:], rel=1e-9)
 
 
+@pytest.mark.parametrize("steps", [6, 7])
+def test_large_steps_find_the_limit_point_too(steps):
+    """Before it Newton needs all its iterations, and states beyond lie far from those before."""
+    program = (
+        "[{stage: load, mount: {force: -0.4 N}, steps: 8}, {stage: branch, follow:"
+        f" {{vary: voltage, along: displacement, until: {{displacement: -5.35 mm}}}},"
+        f" steps: {steps}}}]"
+    )
+    h = history("pull_in", program=program, **SMALL)
+    (peak,) = (row for _, row in limits(h).iterrows())
+    assert peak["voltage_kV"] == pytest.approx(4.39914, abs=2e-5)
+    assert peak["displacement_mm"] == pytest.approx(-5.24785, abs=2e-4)
+    assert h["bifurcation"].sum() == 0
+    past = h.index > peak.name
+    assert past.sum() >= 1
+    assert (h["unstable_modes"] == past).all()
+    assert h["displacement_mm"].is_monotonic_decreasing
+    assert h["displacement_mm"].iloc[-1] == pytest.approx(-5.35, abs=1e-12)
+
+
 WEIGHT = "{stage: load, mount: {force: -0.4 N}, steps: 10}"
 NO_AIR = {"geometry__air_height": "0 mm", "mesh__columns": 16}
 

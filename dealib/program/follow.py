@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,49 +20,15 @@ from dealib.errors import NotConverged
 from dealib.fem.newton import Newton
 from dealib.program.pair import Pair, Two
 from dealib.program.predictor import Predictor
+from dealib.program.progress import Position
 
 log = logging.getLogger(__name__)
 
-_ACCURACY = 1e-9  # of a limit point, in steps; the variable's error is of second order in it
+_ACCURACY = 1e-12  # of a limit point, in steps; the variable's error is of second order in it
 _BISECTIONS = 8  # of the step in which a bifurcation lies
 _TURN = math.cos(math.radians(50))  # of the direction in one step, else it is halved
 _AT_REST = 1e-6  # share of a variable that does not move
 LIMIT_POINT, BIFURCATION = "limit point", "bifurcation"
-
-
-@dataclass
-class Position:
-    """Where the path is.
-
-    Attributes:
-        sizes: Of both variables; that of the second is its way to the end.
-        length: Of the path so far, over those sizes.
-        step: To try next.
-        point: Both variables.
-        direction: Of the branch there, over the sizes.
-        rising: Sign of the freed variable's change from here on.
-        modes: Number of unstable modes from here on; none if not known.
-        count: Number of states.
-        done: Whether the end is reached.
-    """
-
-    sizes: Two
-    length: float = 0.0
-    step: float = 0.0
-    point: Two = (0.0, 0.0)
-    direction: Two = (0.0, 0.0)
-    rising: float = 0.0
-    modes: int | None = None
-    count: int = 0
-    done: bool = False
-
-    @classmethod
-    def of(cls, plain: dict[str, Any]) -> Position:
-        """From plain values, also after a round trip through JSON."""
-        given: dict[str, Any] = {
-            k: tuple(v) if isinstance(v, list) else v for k, v in plain.items()
-        }
-        return cls(**given)
 
 
 @dataclass(frozen=True)
@@ -128,16 +94,10 @@ class Branch:
         """
         if self.position.step == 0:
             self._start()
+        elif not self.position.done:
+            self._go_on()
         while not self.position.done:
-            kept = self._system.q.copy()
-            found, iterations = self._advance(kept)
-            self.position.done = beyond = self._beyond()
-            if beyond:
-                found = self._last(kept)
-            special = self._limit_point(kept, found) or self._bifurcation(kept, found)
-            if special is not None:
-                self.position.done = False
-                found = special
+            found, iterations = self._advance(self._system.q.copy())
             self._accept(found)
             if iterations <= self.settings.target_iterations:
                 self.position.step = min(2 * self.position.step, self._largest)
@@ -158,22 +118,19 @@ class Branch:
         p.direction, self._rate = _oriented(direction, rate, towards)
         p.rising = math.copysign(1.0, p.direction[0])
 
+    def _go_on(self) -> None:
+        """The rate at the state that a position is of."""
+        p = self.position
+        direction, rate = self.pair.direction(self.newton, self.pair.arc(p.point, p.direction, 0.0))
+        _, self._rate = _oriented(direction, rate, _along(direction, p.direction))
+
     def _advance(self, kept: Any) -> tuple[Found, int]:
         """A state further on, and the iterations it took; cut back where Newton fails."""
         p = self.position
         smallest = self._largest * 0.5**self.settings.max_cuts
         while True:
             try:
-                at = p.length + p.step
-                guess = self.predictor.predict(at, ("branch", at))
-                if guess is None and self._rate is not None:
-                    guess = kept.copy()
-                    guess.axpy(p.step, self._rate)
-                found = self._solve(kept, p.step, guess)
-                turned = sum(a * b for a, b in zip(found.direction, p.direction, strict=True))
-                if turned < _TURN:
-                    raise NotConverged("the branch turns too sharply for it")
-                return found, self.newton.iterations
+                return self._step(kept)
             except NotConverged as error:
                 kept.copy(self._system.q)
                 p.step /= 2
@@ -183,14 +140,32 @@ class Branch:
                     raise NotConverged(f"the branch ends, or turns too sharply ({error})") from None
                 log.info("step along the branch cut to %.3g: %s", p.step, str(error))
 
+    def _step(self, kept: Any) -> tuple[Found, int]:
+        """The next state, or a special point or the end before it; and the former's iterations."""
+        p = self.position
+        at = p.length + p.step
+        guess = self.predictor.predict(at, ("branch", at))
+        if guess is None:
+            guess = kept.copy()
+            guess.axpy(p.step, self._rate)
+        reached = self._solve(kept, p.step, guess)
+        iterations = self.newton.iterations
+        if _along(reached.direction, p.direction) < _TURN:
+            raise NotConverged("the branch turns too sharply for it")
+        beyond = self._beyond()
+        if beyond:
+            reached = self._last(kept)
+        found = self._limit_point(kept, reached) or self._bifurcation(kept, reached) or reached
+        p.done = beyond and found.step == reached.step
+        return found, iterations
+
     # --- states ----------------------------------------------------------------------------------
 
-    def _solve(self, kept: Any, step: float, guess: Any = None) -> Found:
+    def _solve(self, kept: Any, step: float, guess: Any) -> Found:
         """The state at a distance from the last one."""
         p = self.position
         self._system.ports[self.pair.port] = self.pair.arc(p.point, p.direction, step)
-        if guess is not None:
-            guess.copy(self._system.q)
+        guess.copy(self._system.q)
         self.newton.solve()
         return self._found(kept, step)
 
@@ -245,22 +220,19 @@ class Branch:
         p = self.position
         if reached.direction[0] * p.rising >= 0:
             return None
-        q, found = self._system.q.copy(), reached
+        between, found = self._between(kept, reached), reached
 
         def turning(share: float) -> float:
             nonlocal found
             if share == 0:
                 return p.rising * max(abs(p.direction[0]), _ACCURACY)
-            found = self._solve(kept, share * reached.step, _between(kept, q, share))
+            found = self._solve(kept, share * reached.step, between(share))
             return found.direction[0]
 
         try:
             turning(brentq(turning, 0.0, 1.0, xtol=_ACCURACY))
-        except (NotConverged, ValueError) as error:
-            log.warning("a limit point was passed, but not found: %s", str(error))
-            q.copy(self._system.q)
-            self._solve(kept, reached.step)
-            return None
+        except ValueError:
+            raise NotConverged("it leads to another branch") from None
         modes = reached.modes if p.modes is None else p.modes
         return replace(found, modes=modes, kind=LIMIT_POINT)
 
@@ -269,26 +241,33 @@ class Branch:
         p = self.position
         if p.modes is None or reached.modes == p.modes:
             return None
-        q, low, high = self._system.q.copy(), 0.0, 1.0
-        found = reached
-        try:
-            for _ in range(_BISECTIONS):
-                share = (low + high) / 2
-                found = self._solve(kept, share * reached.step, _between(kept, q, share))
-                low, high = (share, high) if found.modes == p.modes else (low, share)
-            found = self._solve(kept, high * reached.step, _between(kept, q, high))
-        except NotConverged as error:
-            log.warning("a bifurcation was passed, but not found: %s", str(error))
-            q.copy(self._system.q)
-            found = self._solve(kept, reached.step)
+        between, low, high = self._between(kept, reached), 0.0, 1.0
+        for _ in range(_BISECTIONS):
+            share = (low + high) / 2
+            found = self._solve(kept, share * reached.step, between(share))
+            low, high = (share, high) if found.modes == p.modes else (low, share)
+        found = self._solve(kept, high * reached.step, between(high))
         return replace(found, kind=BIFURCATION)
 
+    def _between(self, kept: Any, reached: Found) -> Callable[[float], Any]:
+        """States at shares of a step, by Hermite's cubic through both ends and their rates."""
+        q, before, step = self._system.q.copy(), self._rate, reached.step
+        after = step / _along(reached.direction, self.position.direction)
 
-def _between(first: Any, second: Any, share: float) -> Any:
-    q = first.copy()
-    q.scale(1 - share)
-    q.axpy(share, second)
-    return q
+        def at(share: float) -> Any:
+            rest, guess = 1 - share, q.duplicate()
+            guess.set(0.0)
+            weights = [rest**2 * (1 + 2 * share), share**2 * (1 + 2 * rest)]
+            slopes = [share * rest**2 * step, -rest * share**2 * after]
+            guess.maxpy(weights + slopes, [kept, q, before, reached.rate])
+            return guess
+
+        return at
+
+
+def _along(one: Two, other: Two) -> float:
+    """Cosine of the angle between two directions."""
+    return one[0] * other[0] + one[1] * other[1]
 
 
 def _oriented(direction: Two, rate: Any, sense: float) -> tuple[Two, Any]:

@@ -5,10 +5,45 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from dealib.program.follow import Position
 from dealib.program.increments import Place
 from dealib.program.inputs import REST, Drive, Drives
+from dealib.program.pair import Two
 from dealib.program.work import Work
+
+
+@dataclass
+class Position:
+    """Where the path along a branch is.
+
+    Attributes:
+        sizes: Of both variables; that of the second is its way to the end.
+        length: Of the path so far, over those sizes.
+        step: To try next.
+        point: Both variables.
+        direction: Of the branch there, over the sizes.
+        rising: Sign of the freed variable's change from here on.
+        modes: Number of unstable modes from here on; none if not known.
+        count: Number of states.
+        done: Whether the end is reached.
+    """
+
+    sizes: Two
+    length: float = 0.0
+    step: float = 0.0
+    point: Two = (0.0, 0.0)
+    direction: Two = (0.0, 0.0)
+    rising: float = 0.0
+    modes: int | None = None
+    count: int = 0
+    done: bool = False
+
+    @classmethod
+    def of(cls, plain: dict[str, Any]) -> Position:
+        """From plain values, also after a round trip through JSON."""
+        given: dict[str, Any] = {
+            k: tuple(v) if isinstance(v, list) else v for k, v in plain.items()
+        }
+        return cls(**given)
 
 
 @dataclass

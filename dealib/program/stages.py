@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 from dealib.config.follow import Until
 from dealib.config.program import Stage
 from dealib.errors import ConfigError, NotConverged
-from dealib.program.follow import BIFURCATION, LIMIT_POINT, Branch, Position
+from dealib.program.follow import BIFURCATION, LIMIT_POINT, Branch
 from dealib.program.increments import Increments
 from dealib.program.inputs import Drive, law, milestones, plain_drive
 from dealib.program.pair import COLUMN, Pair, size
+from dealib.program.progress import Position
 from dealib.program.states import State
 
 if TYPE_CHECKING:
