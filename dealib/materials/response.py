@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dealib.materials.law import Invariants
 from dealib.materials.laws import Law, invariants_of_stretches
 from dealib.materials.prestretch import bracket, thickness_stretch
 
@@ -130,11 +131,14 @@ def curvature(law: Law, first: Any, second: Any) -> tuple[Array, Array]:
         locking stretch, where there is no energy.
     """
     p, step, h = law.values, 3e-6, 1e-30
-    l1, l2 = np.asarray(first, dtype=float), np.asarray(second, dtype=float)
+    first, second = np.asarray(first, dtype=float) ** 2, np.asarray(second, dtype=float) ** 2
+    third = 1 / (first * second)
 
-    def slope(a: float, b: float, along: int) -> Array:
-        a_, b_ = (a + 1j * h, b) if along == 0 else (a, b + 1j * h)
-        i = invariants_of_stretches(l1 * np.exp(a_), l2 * np.exp(b_), np.exp(-a_ - b_) / (l1 * l2))
+    def slope(x: float, y: float, along: int) -> Array:
+        """W_x or W_y after small changes of x and y."""
+        a, b = np.exp(2 * (x + 1j * h * (1 - along))), np.exp(2 * (y + 1j * h * along))
+        l1, l2, l3 = first * a, second * b, third / (a * b)  # squared
+        i = Invariants(l1 + l2 + l3, l1 * l2 + (l1 + l2) * l3, np.ones_like(third), l3)
         return np.asarray(np.imag(law.energy(i, p)) / h)
 
     with np.errstate(all="ignore"):

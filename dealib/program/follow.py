@@ -24,7 +24,7 @@ from dealib.program.progress import Position
 
 log = logging.getLogger(__name__)
 
-_ACCURACY = 1e-12  # of a limit point, in steps; the variable's error is of second order in it
+_ACCURACY = 1e-9  # of a limit point, in steps; the variable's error is of second order in it
 _BISECTIONS = 8  # of the step in which a bifurcation lies
 _TURN = math.cos(math.radians(50))  # of the direction in one step, else it is halved
 _AT_REST = 1e-6  # share of a variable that does not move

@@ -92,27 +92,29 @@ def second_pk(
         pressure: The mixed form's p, of shape F.shape[:-2], in place of the law's dW/dJ, which
             near incompressibility is rounding error times the bulk modulus.
     """
-    stretch = np.ones(3) if prestretch is None else np.asarray(prestretch)
-    total = F * stretch
-    C = np.swapaxes(total, -1, -2) @ total
-    J = determinant(total)
-    trace = np.trace(C, axis1=-2, axis2=-1)
-    second = (trace**2 - np.einsum("...ij,...ij", C, C)) / 2
-    hoop = C[..., 2, 2]
-    i = Invariants(J ** (-2 / 3) * trace, J ** (-4 / 3) * second, J, J ** (-2 / 3) * hoop)
+    radial, thickness, hoop = (1.0, 1.0, 1.0) if prestretch is None else map(float, prestretch)
+    # the components RR, RZ, ZZ, theta-theta of C, of the unstretched state
+    a = radial**2 * (F[..., 0, 0] ** 2 + F[..., 1, 0] ** 2)
+    g = radial * thickness * (F[..., 0, 0] * F[..., 0, 1] + F[..., 1, 0] * F[..., 1, 1])
+    c = thickness**2 * (F[..., 0, 1] ** 2 + F[..., 1, 1] ** 2)
+    h = (hoop * F[..., 2, 2]) ** 2
+    J = radial * thickness * hoop * determinant(F)
+    area, trace = (J * J) / h, a + c + h  # a c - g^2
+    second = area + h * (a + c)
+    q = J ** (-2 / 3)
+    i = Invariants(q * trace, q * q * second, J, q * h)
     d = _derivatives(law, i)
-    # S = unit 1 + inner C^-1 + bend C, and what the hoop direction adds
-    unit, inner = 2 * d.I1 * J ** (-2 / 3), (d.J if pressure is None else pressure) * J
-    inner = inner - unit * trace / 3
-    bend, along = 2 * d.I2 * J ** (-4 / 3), 2 * d.hoop * J ** (-2 / 3)
-    inner = inner - bend * (2 / 3) * second - along * hoop / 3
-    S = inner[..., None, None] * inverse(C)
-    if np.any(d.I2):  # many laws do without
-        unit = unit + bend * trace
-        S -= bend[..., None, None] * C
-    for k, more in enumerate((0.0, 0.0, along)):
-        S[..., k, k] += unit + more
-    return np.asarray(S * np.outer(stretch, stretch) / stretch.prod())
+    # S = unit 1 + inner C^-1 - bend C, and what the hoop direction adds
+    unit, inner = 2 * q * d.I1, (d.J if pressure is None else pressure) * J
+    bend, along = 2 * q * q * d.I2, 2 * q * d.hoop
+    inner = inner - (unit * trace + bend * 2 * second + along * h) / 3
+    unit, scaled = unit + bend * trace, inner / area
+    S = np.zeros(F.shape)
+    S[..., 0, 0] = (unit + scaled * c - bend * a) * (radial / (thickness * hoop))
+    S[..., 1, 1] = (unit + scaled * a - bend * c) * (thickness / (radial * hoop))
+    S[..., 0, 1] = S[..., 1, 0] = -(scaled + bend) * g / hoop
+    S[..., 2, 2] = (unit + inner / h - bend * h + along) * (hoop / (radial * thickness))
+    return S
 
 
 def branches_pk(

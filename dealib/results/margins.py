@@ -81,12 +81,19 @@ class Film:
         S = local.second_pk(self.law, k.F, m.prestretch, pressure)
         if internal is not None:
             S += local.branches_pk(m.branches, k.F, internal, m.prestretch)
-        total = local.cauchy(k.F, S) + local.maxwell(m.permittivity_at(k.F), k.e)
-        if m.slope:
-            total += local.electrostriction(m.slope, m.area_stretch(k.F), k.F, k.e)
-        t = k.F[..., :, 0] / np.linalg.norm(k.F[..., :, 0], axis=-1)[..., None]
-        first = np.einsum("...i,...ij,...j", t, total, t)
-        return np.stack([first, total[..., 2, 2]], axis=-1)
+        # t = F e_R / |F e_R| of the meridian, and F^T t
+        x, y = k.F[..., 0, 0], k.F[..., 1, 0]
+        length = np.hypot(x, y)
+        turned = (x * k.F[..., 0, 1] + y * k.F[..., 1, 1]) / length
+        radial = length * length * S[..., 0, 0] + turned * turned * S[..., 1, 1]
+        radial = radial + 2 * length * turned * S[..., 0, 1]
+        hoop = k.F[..., 2, 2] ** 2 * S[..., 2, 2]
+        # Maxwell's eps (e.t)^2 - eps e.e / 2, and electrostriction: alike in both directions
+        more = m.slope * m.area_stretch(k.F) if m.slope else 0.0
+        eps, square = m.permittivity + more, k.e[..., 0] ** 2 + k.e[..., 1] ** 2
+        electric = -(eps + more / 2) * square / 2
+        radial = radial / k.J + eps * ((x * k.e[..., 0] + y * k.e[..., 1]) / length) ** 2
+        return np.stack([radial + electric, hoop / k.J + electric], axis=-1)
 
     def wrinkling(self, tensions: Array) -> Array:
         """Share of the mounted tension that is lost, from tensions (..., 2) averaged across.
