@@ -11,7 +11,7 @@ from dealib.fem.system import System
 _MUMPS: dict[str, Any] = {
     "ksp_type": "preonly",
     "pc_factor_mat_solver_type": "mumps",
-    "mat_mumps_icntl_7": 5,  # METIS
+    "mat_mumps_icntl_7": 5,  # METIS; PORD where MUMPS was built without it
     "mat_mumps_icntl_14": 60,  # room for pivoting, per cent
 }
 _DEFINITE: dict[str, Any] = {  # needs neither
