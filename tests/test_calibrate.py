@@ -180,6 +180,16 @@ def test_bounds_are_kept_and_told(tmp_path):
     assert any("relative_permittivity is at its bound" in r for r in report.remarks(fitted))
 
 
+def test_points_that_the_run_does_not_reach_are_told(tmp_path):
+    plan = line_fit(tmp_path)
+    (tmp_path / "data.csv").write_text(
+        "displacement [mm],force [N]\n0.5,1.75\n1,5\n1.5,8.98\n2,12.96\n"
+    )
+    told = report.remarks(search(plan))
+    assert "data.csv, force_N: the run does not reach 2 of 4 points" in " ".join(told)
+    assert not any("does not reach" in r for r in report.remarks(search(line_fit(tmp_path))))
+
+
 def test_cases_that_do_not_converge_are_stepped_around(tmp_path):
     start = FIT.replace("start: 1 MPa", "start: 4.9 MPa")
     fitted = search(line_fit(tmp_path, text=start))
@@ -224,6 +234,9 @@ def test_cases_that_do_not_converge_are_stepped_around(tmp_path):
          "5:3: parameters.materials.film.relativ_permittivity: in TMP/base.yaml, --set "
          "materials.film.relativ_permittivity=2.0: unknown key; did you mean "
          "'relative_permittivity'?"),
+        ("materials.film.relative_permittivity: {start: 2,", "mesh.columns: {start: 8,",
+         "5:3: parameters.mesh.columns: in TMP/base.yaml, --set mesh.columns=8.008: expected a "
+         "whole number, not 8.008"),
         ("    sigma", "    stage: pull\n    sigma",
          "8:12: data.0.stage: the program has no such stage; it has prestrain, push, actuate"),
         ("    sigma", "    stages: pull\n    sigma",

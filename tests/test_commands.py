@@ -50,6 +50,14 @@ def test_mesh_writes_file_and_picture(tmp_path):
     assert "m.msh exists" in err
 
 
+def test_mesh_refuses_a_picture_of_an_unknown_format(tmp_path):
+    config = CONFIGS / "benchmark_strip.yaml"
+    code, out, err = command("mesh", config, "--out", "m.msh", "--view", "m.txt", cwd=tmp_path)
+    assert (code, out) == (2, "")
+    assert err == "dealib: --view m.txt: the name must end in .png, .svg, .pdf\n"
+    assert not (tmp_path / "m.msh").exists()
+
+
 def test_info_tells_what_a_run_holds(strip_run, tmp_path):
     code, out, err = command("info", strip_run.directory, cwd=tmp_path)
     assert (code, err) == (0, "")

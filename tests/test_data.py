@@ -168,6 +168,7 @@ def test_nothing_is_made_up_beyond_the_run(tmp_path):
     assert found.inside.tolist() == [True, True, False]
     (found,) = compare(run, data, "load", extrapolate=True)
     assert found.computed == pytest.approx([0.5, 1.0, 1.5])
+    assert found.beyond.tolist() == [False, False, True]
     with pytest.raises(ConfigError, match=r"spans 5 .. 6, the run 0 .. 1: no point to compare"):
         compare(run, measured_of(tmp_path, [5, 6], [1, 2]))
     with pytest.raises(ConfigError, match="the run has no stage 'pull'; it has load, hold, unload"):

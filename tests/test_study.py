@@ -178,14 +178,28 @@ def test_key_is_that_of_the_physics(folder, tmp_path):
     ("old", "new", "message"),
     [
         ("title:", "titel:", "study.yaml:2:1: titel: unknown key; did you mean 'title'?"),
-        ("depth: -end(", "depth: -ende(", "unknown function 'ende'; did you mean 'end'?"),
-        ("value: depth, low", "value: dept, low", "'dept': no quantity named dept"),
+        (
+            "thickness: setting(",
+            "thickness: settin(",
+            "study.yaml:16:14: quantities.thickness: unknown function 'settin'; did you mean "
+            "'setting'?",
+        ),
+        (
+            "value: depth, low",
+            "value: dept, low",
+            "windows.1.value: 'dept': no quantity named dept; did you mean 'depth'?",
+        ),
+        ("name: tiny_study", "name: tiny study", "study.yaml:1:7: name: use letters, digits, '_'"),
         ("low: 100, unit: mm", "unit: mm", "give low, high or both"),
         ("30 um, 60 um]", "30 um]", "the lists must have the same length"),
         ("geometry.film_thickness: [30 um", "geometry.film_thicknes: [30 um", "film_thickness"),
         ("[30 um, 60 um]", "[30 um, 60 kg]", "case '60 kg, neo-Hookean'"),
         ("base: tiny.yaml", "base: none.yaml", "none.yaml: cannot read the config"),
-        ("group: law", "group: laws", "'laws' is no axis of vary"),
+        (
+            "group: law",
+            "group: laws",
+            "panels.1.group: 'laws' is no axis of vary; did you mean 'law'?",
+        ),
         # what no case will have is told before any is solved
         (
             "-end(displacement_mm,",

@@ -125,11 +125,10 @@ class Objective:
         sets, steps = [values], []
         for key, name in self.names().items():
             if parameters[name].vary:
-                low, high = self.plan.fit.parameters[key].range
-                step = self.plan.fit.method.difference * max(abs(values[key]), (high - low) / 100)
-                step = step if values[key] + step <= high else -step
-                sets.append(values | {key: values[key] + step})
-                steps.append(step)
+                method, parameter = self.plan.fit.method, self.plan.fit.parameters[key]
+                moved_to = parameter.moved(values[key], method.difference)
+                sets.append(values | {key: moved_to})
+                steps.append(moved_to - values[key])
         base, *moved = self._residuals(sets)
         return np.column_stack([(m - base) / h for m, h in zip(moved, steps, strict=True)])
 

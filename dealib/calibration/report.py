@@ -98,6 +98,13 @@ def remarks(fitted: Fitted) -> list[str]:
             found.append(f"{e.key} is at its bound: widen it, or take the parameter out.")
         elif not np.isfinite(e.error):
             found.append(f"{e.key} is not determined by these data.")
+    for data, comparisons in zip(fitted.plan.fit.data, fitted.comparisons, strict=False):
+        for c in comparisons:
+            if c.beyond.any():
+                found.append(
+                    f"{data.file}, {c.y_name}: the run does not reach {int(c.beyond.sum())} of "
+                    f"{len(c.x)} points; its curve was continued straight."
+                )
     strong = np.abs(fitted.correlation - np.eye(len(fitted.estimates))) > 0.95
     for i, j in np.argwhere(np.triu(strong)):
         a, b = fitted.estimates[i].key, fitted.estimates[j].key

@@ -63,6 +63,12 @@ class Parameter(Section):
             raise ValueAt(("start",), "the start must lie between min and max")
         return self
 
+    def moved(self, value: float, difference: float) -> float:
+        """A value beside another one, within the bounds, by a relative difference."""
+        low, high = self.range
+        step = difference * max(abs(value), (high - low) / 100)
+        return value + step if value + step <= high else value - step
+
     def text(self, value: float) -> str:
         """A value as the config wants it."""
         return f"{value!r} {self.unit}".strip()
@@ -145,7 +151,9 @@ class Plan:
                 where = ("data", i, "file")
                 raise ConfigError(self.source.message(where, f"there is no file {file}"))
         for key, parameter in self.fit.parameters.items():
-            self._load({key: parameter.text(parameter.start[0])}, ("parameters", key))
+            start = parameter.start[0]  # and beside it, where no whole number is
+            for value in (start, parameter.moved(start, self.fit.method.difference)):
+                self._load({key: parameter.text(value)}, ("parameters", key))
         for i, data in enumerate(self.fit.data):
             config = self._load(data.set, ("data", i, "set")).config
             if data.stage not in (None, *(s.stage for s in config.program)):

@@ -19,6 +19,11 @@ def write_mesh(case: Case, path: Path, view: Path | None, overwrite: bool) -> No
     """
     if path.suffix != ".msh":
         raise ConfigError(f"--out {path}: Gmsh's files end in .msh")
+    if view is not None:
+        from dealib.plots.style import FORMATS
+
+        if view.suffix.lower() not in FORMATS:
+            raise ConfigError(f"--view {view}: the name must end in {', '.join(FORMATS)}")
     for target in (path, view):
         if target is None:
             continue

@@ -94,6 +94,8 @@ def problem(item: Mapping[str, Any], model: type[BaseModel] | None = None) -> st
     kind, given, ctx = item["type"], item.get("input"), item.get("ctx", {})
     if kind == "extra_forbidden":
         return f"unknown key{_hint(item, model)}"
+    if kind == "missing" and isinstance(item["loc"][-1], int):
+        return "too few items"
     if kind == "missing":
         return f"this key is missing{_meaning(model, item['loc'])}"
     if kind == "union_tag_not_found":
@@ -110,13 +112,24 @@ def problem(item: Mapping[str, Any], model: type[BaseModel] | None = None) -> st
         return str(ctx["error"])
     if kind in _LIMITS:
         return f"{_LIMITS[kind].format(**ctx)}, not {_shown(given)}"
-    if kind in ("too_short", "string_too_short"):
+    if kind in ("too_short", "too_long"):
+        return _length(ctx)
+    if kind == "string_too_short":
         return "must not be empty"
     expected = _EXPECTED.get(kind.split("_")[0], "another kind of value")
     hint = ""
     if expected == "text" and isinstance(given, (int, float)):
         hint = f"; put it in quotes: '{given}'"
     return f"expected {expected}, not {_shown(given)}{hint}"
+
+
+def _length(ctx: Mapping[str, Any]) -> str:
+    """What is wrong with a list that has too few or too many items."""
+    least, most, given = ctx.get("min_length"), ctx.get("max_length"), ctx["actual_length"]
+    if not given:
+        return "must not be empty"
+    wanted = f"at least {least}" if most is None else f"at most {most}"
+    return f"expected {wanted} items, not {given}"
 
 
 def _hint(item: Mapping[str, Any], model: type[BaseModel] | None) -> str:
@@ -164,7 +177,7 @@ def in_file(item: Mapping[str, Any], tree: Any) -> Loc:
         if inside:
             where.append(part)
             node = node[part]
-        elif last and kind == "missing":
+        elif last and kind == "missing" and isinstance(part, str):
             where.append(part)
     if kind == "union_tag_invalid":
         where.append(item["ctx"]["discriminator"].strip("'"))

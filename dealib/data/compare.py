@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +25,8 @@ class Comparison:
         y_name: Column of the curve.
         x: Abscissae (points,).
         measured: Measured values (points,).
-        computed: Computed values (points,); NaN where the run does not reach.
+        computed: Computed values (points,); where the run does not reach, NaN or continued.
+        beyond: Whether it does not reach (points,).
         branch: Number of the branch of each point, from 0 (points,).
         curves: Abscissae and values of the run along each branch, with its turning point (2, any).
     """
@@ -35,12 +36,13 @@ class Comparison:
     x: Array
     measured: Array
     computed: Array
+    beyond: npt.NDArray[np.bool_]
     branch: npt.NDArray[np.int64]
     curves: tuple[Array, ...] = ()
 
     @property
     def inside(self) -> npt.NDArray[np.bool_]:
-        """Points that the run reaches."""
+        """Points with a computed value."""
         return np.isfinite(self.computed)
 
     @property
@@ -59,8 +61,15 @@ class Comparison:
     def of_branch(self, number: int) -> Comparison:
         """The points of one branch."""
         on = self.branch == number
-        parts = (self.x[on], self.measured[on], self.computed[on], self.branch[on])
-        return Comparison(self.x_name, self.y_name, *parts, self.curves[number : number + 1])
+        return replace(
+            self,
+            x=self.x[on],
+            measured=self.measured[on],
+            computed=self.computed[on],
+            beyond=self.beyond[on],
+            branch=self.branch[on],
+            curves=self.curves[number : number + 1],
+        )
 
 
 def compare(
@@ -95,15 +104,17 @@ def compare(
     found = []
     for name in measured.curves:
         run_y = np.asarray(history[name], dtype=float)[rows]
-        computed, curves = np.full(len(x), np.nan), []
+        computed, beyond, curves = np.full(len(x), np.nan), np.zeros(len(x), dtype=bool), []
         for piece, partner in zip(pieces, partners, strict=True):
             curve = _ascending(run_x[partner], run_y[partner])
             computed[piece] = _interpolate(*curve, x[piece], extrapolate)
+            beyond[piece] = np.logical_or(*_beyond(curve[0], x[piece]))
             reach = x[max(piece.start - 1, 0) : piece.stop]
             between = np.linspace(reach.min(), reach.max(), _DRAWN)
             curves.append(np.stack([between, _interpolate(*curve, between, extrapolate)]))
         values = measured.columns[name]
-        found.append(Comparison(measured.x, name, x, values, computed, number, tuple(curves)))
+        parts = (x, values, computed, beyond, number)
+        found.append(Comparison(measured.x, name, *parts, tuple(curves)))
         if not found[-1].inside.any():
             raise ConfigError(
                 f"{measured.path}: {measured.x} spans {x.min():.6g} .. {x.max():.6g}, the run "
@@ -173,12 +184,11 @@ def _ascending(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _interpolate(run_x: Array, run_y: Array, x: Array, extrapolate: bool) -> Array:
-    slack = 1e-9 * max(float(np.ptp(run_x)), 1e-300)
     # monotone cubics: straight lines between few steps would add an error of their own
     smooth = PchipInterpolator(run_x, run_y, extrapolate=False) if len(run_x) > 2 else None
     within = np.clip(x, run_x[0], run_x[-1])
     y = np.asarray(np.interp(x, run_x, run_y) if smooth is None else smooth(within))
-    below, above = x < run_x[0] - slack, x > run_x[-1] + slack
+    below, above = _beyond(run_x, x)
     if extrapolate and len(run_x) > 1:
         first = (run_y[1] - run_y[0]) / (run_x[1] - run_x[0])
         last = (run_y[-1] - run_y[-2]) / (run_x[-1] - run_x[-2])
@@ -187,3 +197,9 @@ def _interpolate(run_x: Array, run_y: Array, x: Array, extrapolate: bool) -> Arr
     elif not extrapolate:
         y[below | above] = np.nan
     return y
+
+
+def _beyond(run_x: Array, x: Array) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Whether points lie before the first one of a run's curve, and behind its last one."""
+    slack = 1e-9 * max(float(np.ptp(run_x)), 1e-300)
+    return x < run_x[0] - slack, x > run_x[-1] + slack

@@ -177,6 +177,8 @@ class Law(BaseModel):
             raise ValueAt((double[0],), "give either youngs_modulus or the law's own parameters")
         try:
             modulus = parse(data["youngs_modulus"], "stress")
+            if modulus <= 0:
+                raise ValueError
             ruled = cls.from_youngs_modulus(modulus, data)
         except (ValueError, TypeError, ZeroDivisionError):
             # the field itself reports what is wrong with it

@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
 from dealib.config.materials import ElectrodeMaterial
+from dealib.config.schema import Name
 from dealib.config.section import Section
-from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression
+from dealib.config.source import did_you_mean
+from dealib.errors import ValueAt
+from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression, Signature
 from dealib.units import Length, Time
 
 Limits = tuple[float, float]
 Where = dict[str, str | tuple[str, ...]]
+Place = tuple[str | int, ...]
 _WHERE = "only cases with these labels on an axis of `vary`"
 
 
-def _per_case(text: str) -> str:
-    Expression(text, OF_A_CASE)
-    return text
-
-
-def _over_cases(text: str) -> str:
-    Expression(text, OF_ALL_CASES)
-    return text
+def _parsed(text: str, functions: Mapping[str, Signature], where: Place) -> Expression:
+    """An expression; what is wrong with it is told at its place in the section."""
+    try:
+        return Expression(text, functions)
+    except ValueError as error:
+        raise ValueAt(where, str(error)) from None
 
 
 class MaterialTest(Section):
@@ -80,7 +83,7 @@ class Curves(_Panel):
     @field_validator("x", "y")
     @classmethod
     def _expressions(cls, axis: Axis) -> Axis:
-        _per_case(axis.value)
+        _parsed(axis.value, OF_A_CASE, ("value",))
         return axis
 
 
@@ -96,7 +99,7 @@ class Points(_Panel):
     @field_validator("x", "y")
     @classmethod
     def _expressions(cls, axis: Axis) -> Axis:
-        _over_cases(axis.value)
+        _parsed(axis.value, OF_ALL_CASES, ("value",))
         return axis
 
 
@@ -135,7 +138,7 @@ class Window(Section):
 
     @model_validator(mode="after")
     def _bounded(self) -> Window:
-        _over_cases(self.value)
+        _parsed(self.value, OF_ALL_CASES, ("value",))
         if self.low is None and self.high is None:
             raise ValueError("give low, high or both")
         if self.low is not None and self.high is not None and self.low > self.high:
@@ -146,7 +149,7 @@ class Window(Section):
 class Study(Section):
     """Cases, quantities, pictures and windows."""
 
-    name: str = Field(pattern=r"^[\w.+-]+$", description="short name of the files")
+    name: Name = Field(description="short name of the files")
     title: str = Field(min_length=1, description="heading in the gallery")
     source: str = Field("", description="what it is compared with")
     base: str | None = Field(None, description="config that is varied, beside this file")
@@ -175,13 +178,14 @@ class Study(Section):
         for name, axis in axes.items():
             lists = [isinstance(v, list) for v in axis.values()]
             if not axis or not (all(lists) or all(isinstance(v, dict) for v in axis.values())):
-                raise ValueError(
-                    f"axis {name!r}: expected lists in step with each other, such as "
-                    "{mesh.columns: [20, 40]}, or choices, such as {coarse: {mesh.columns: 20}}"
+                raise ValueAt(
+                    (name,),
+                    "expected lists in step with each other, such as {mesh.columns: [20, 40]}, or "
+                    "choices, such as {coarse: {mesh.columns: 20}}",
                 )
             lengths = {len(v) for v in axis.values()} if all(lists) else {1}
             if len(lengths) != 1 or 0 in lengths:
-                raise ValueError(f"axis {name!r}: the lists must have the same length, above zero")
+                raise ValueAt((name,), "the lists must have the same length, above zero")
         return axes
 
     @field_validator("quantities")
@@ -189,11 +193,8 @@ class Study(Section):
     def _quantities(cls, quantities: dict[str, str]) -> dict[str, str]:
         for name, text in quantities.items():
             if not name.isidentifier():
-                raise ValueError(f"{name!r}: use letters, digits and '_'")
-            try:
-                _per_case(text)
-            except ValueError as error:
-                raise ValueError(f"{name}: {error}") from None
+                raise ValueAt((name,), "use letters, digits and '_'")
+            _parsed(text, OF_A_CASE, (name,))
         return quantities
 
     @model_validator(mode="after")
@@ -204,20 +205,32 @@ class Study(Section):
             raise ValueError("give either base or material_test, not both")
         if self.material_test is None and self.base is None and not any(bases):
             raise ValueError("the key 'base' is missing: the config that is varied")
-        known = {*self.quantities}
-        points = [a.value for p in self.panels if isinstance(p, Points) for a in (p.x, p.y)]
-        for text in (*(w.value for w in self.windows), *points, *self.inserts()):
-            unknown = Expression(text, OF_ALL_CASES).names - known
-            if unknown:
-                raise ValueError(f"{text!r}: no quantity named {', '.join(sorted(unknown))}")
-        for part in (*self.panels, *self.windows):
-            for axis in part.where:
-                if axis not in self.vary:
-                    raise ValueError(f"where: {axis!r} is no axis of vary")
-        for panel in self.panels:
-            if isinstance(panel, Points) and panel.group and panel.group not in self.vary:
-                raise ValueError(f"group: {panel.group!r} is no axis of vary")
+        for where, text in self._over_cases():
+            for name in sorted(_parsed(text, OF_ALL_CASES, where).names - {*self.quantities}):
+                hint = did_you_mean(name, self.quantities)
+                raise ValueAt(where, f"{text!r}: no quantity named {name}{hint}")
+        for name, parts in (("panels", self.panels), ("windows", self.windows)):
+            for i, part in enumerate(parts):
+                for axis in part.where:
+                    self._check_axis((name, i, "where", axis), axis)
+                if isinstance(part, Points) and part.group:
+                    self._check_axis((name, i, "group"), part.group)
         return self
+
+    def _over_cases(self) -> Iterator[tuple[Place, str]]:
+        """Place and text of each expression over the quantities."""
+        for i, window in enumerate(self.windows):
+            yield ("windows", i, "value"), window.value
+        for i, panel in enumerate(self.panels):
+            if isinstance(panel, Points):
+                yield ("panels", i, "x", "value"), panel.x.value
+                yield ("panels", i, "y", "value"), panel.y.value
+        for text in self.inserts():
+            yield ("comparison",), text
+
+    def _check_axis(self, where: Place, axis: str) -> None:
+        if axis not in self.vary:
+            raise ValueAt(where, f"{axis!r} is no axis of vary{did_you_mean(axis, self.vary)}")
 
     def inserts(self) -> list[str]:
         """Expressions within the sentence of comparison."""
