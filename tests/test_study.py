@@ -450,6 +450,26 @@ def test_failed_quantity_points_at_the_study(folder, text, message):
 
 
 @pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("y: {value: depth,", "y: {value: min(depth),", "panels.1: x has 2 values, y has 1\n"),
+        ("{of(depth, \"30 um, neo-Hookean\"):.4f}", "{depth:.4f}",
+         "comparison: {depth:.4f}: this gives 4 numbers, not one\n"),
+    ],
+)  # fmt: skip
+def test_numbers_that_do_not_match_point_at_the_study(folder, old, new, message):
+    assert old in STUDY
+    broken, cache = folder / "mismatch.yaml", Cache(folder / "cases")
+    broken.write_text(STUDY.replace(old, new))
+    plan = read(broken)
+    for job in sweep.missing([plan], cache):
+        list(sweep.solve([job], lambda j: in_processes(j, 1, Idle())))
+    results = Results(plan, cache, sweep.statuses(plan, cache, {}))
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        _ = results.curves(1), results.comparison
+
+
+@pytest.mark.parametrize(
     ("field", "region", "carriers"),
     [
         ("S_RR", "air", "film, top_electrode, bottom_electrode"),

@@ -88,6 +88,11 @@ class Curve:
     x: Array
     y: Array
 
+    def __post_init__(self) -> None:
+        """Raise ValueError unless both have as many values."""
+        if self.x.shape != self.y.shape:
+            raise ValueError(f"x has {self.x.size} values, y has {self.y.size}")
+
 
 class Results:
     """A study with the results of its cases.
@@ -120,12 +125,9 @@ class Results:
                 continue
             try:
                 outcome = self.outcomes[s.case.label]
-                found = np.asarray(outcome.evaluate(self.study.quantities[name]), float)
-                if found.size != 1:
-                    raise ValueError(f"this gives {found.size} numbers, not one")
+                values[i] = _one(outcome.evaluate(self.study.quantities[name]))
             except (ValueError, ConfigError) as error:
                 raise self.plan.fault(("quantities", name), str(error)) from None
-            values[i] = found.reshape(())
         return values
 
     # --- the table -------------------------------------------------------------------------------
@@ -213,8 +215,6 @@ class Results:
             if status.status == DONE:
                 raise
             return None
-        if x.shape != y.shape:
-            raise ValueError(f"x has {x.size} values, y has {y.size}")
         label = fill(panel.label, status.case.axes) if panel.label else status.case.label
         return Curve(label, x, y)
 
@@ -255,12 +255,19 @@ class Results:
 
         def insert(match: Any) -> str:
             try:
-                value = float(np.asarray(self.over(match[1], everything)))
-                return format(value, match[2] or ".4g")
+                return format(_one(self.over(match[1], everything)), match[2] or ".4g")
             except (ValueError, TypeError) as error:
                 raise self.plan.fault(("comparison",), f"{match[0]}: {error}") from None
 
         return INSERT.sub(insert, self.study.comparison)
+
+
+def _one(value: Any) -> float:
+    """A value that must be one number."""
+    found = np.asarray(value, float)
+    if found.size != 1:
+        raise ValueError(f"this gives {found.size} numbers, not one")
+    return float(found.reshape(()))
 
 
 def _verdict(window: Window, values: Array) -> Verdict:
