@@ -71,6 +71,21 @@ def test_curves_show_the_history(strip_run):
         assert np.isnan(red[1].get_ydata()[:13]).all()
 
 
+def test_no_stable_run_is_drawn_as_the_unstable_parts_of_another(strip_run, tmp_path):
+    """Four runs overlaid, one of which is unstable: its short dashes are nobody else's."""
+    runs = []
+    for k in range(4):
+        shutil.copytree(strip_run.directory, tmp_path / f"run{k}")
+        runs.append(dealib.open(tmp_path / f"run{k}"))
+    for name, value in (("unstable_modes", 1), ("limit_point", 0), ("bifurcation", 0)):
+        runs[0].history[name] = value
+    lines = curves(runs, "displacement_mm", ["force_N"]).axes[0].lines
+    on = [line._unscaled_dash_pattern[1] for line in lines if len(line.get_xdata()) > 2]
+    longest = [max(pattern[::2], default=np.inf) if pattern else np.inf for pattern in on]
+    assert longest[0] == 2
+    assert min(longest[1:]) > 3
+
+
 def test_overview_is_two_by_two_with_inputs_in_time(strip_run):
     with style.theme(dark=True) as look:
         figure = overview([strip_run])

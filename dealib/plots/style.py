@@ -53,7 +53,8 @@ DARK = Theme(
     "viridis",
     "RdBu_r",
 )
-DASHES = ("-", "--", ":", "-.")
+# none with short dashes only: those mean unstable (see `dealib.plots.branches`)
+DASHES = ("-", "--", (0, (6, 1.5, 1, 1.5, 1, 1.5)), "-.")
 
 
 @contextmanager
