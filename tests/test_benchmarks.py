@@ -25,6 +25,19 @@ def test_iterations_a_step_of_the_main_job():
     assert iterations.sum() / (len(iterations) - 1) <= 2.5
 
 
+def test_some_groups_alone_leave_the_results_of_all(tmp_path, monkeypatch, capsys):
+    kept = tmp_path / "results.json"
+    kept.write_text("all of them")
+    monkeypatch.setattr(run, "RESULTS", kept)
+    monkeypatch.setattr(run, "repeat", lambda todo, _: [])
+    for arguments in (["--quick"], ["--only", "strip"]):
+        run.main([*arguments, "--repeat", "1"])
+        assert kept.read_text() == "all of them"
+    run.main(["--repeat", "1"])
+    assert json.loads(kept.read_text())["records"] == []
+    assert "medians of 1" in capsys.readouterr().out
+
+
 def test_benchmarks_run_and_tell(tmp_path, capsys, monkeypatch):
     results = tmp_path / "results.json"
     run.main(["--quick", "--repeat", "1", "--out", str(results)])

@@ -227,6 +227,26 @@ def test_stops_where_it_is_told():
     assert (h["stage"] == "branch").sum() == 3
 
 
+def test_a_branch_that_never_comes_to_its_end_is_told(caplog):
+    """At a constant charge the voltage falls as the film is stretched: it cannot rise to 3 kV."""
+    program = (
+        "[{stage: charge, mount: {force: -0.1 N}, terminal: {charge: 0.1 uC}, steps: 2}, {stage:"
+        " b, follow: {vary: force, along: voltage, until: {voltage: 3 kV}%s}, steps: 1}]"
+    )
+    states = [s.row for s in dealib.Simulation(case("pull_in", program=program % "", **NO_AIR))]
+    last = states[-1]
+    assert sum(row["stage"] == "b" for row in states) == 10
+    (told,) = (r.getMessage() for r in caplog.records if r.levelname == "WARNING")
+    assert told == (
+        "stage 'b' ends after 10 states, ten times its steps, at force = "
+        f"{last['force_N']:.6g} N, voltage = {last['voltage_kV']:.6g} kV, not at the end of its "
+        "branch; give it more steps, or `states`"
+    )
+    caplog.clear()
+    list(dealib.Simulation(case("pull_in", program=program % ", states: 3", **NO_AIR)))
+    assert not [r for r in caplog.records if r.levelname == "WARNING"]
+
+
 def test_force_along_displacement_is_the_curve_of_displacement_control():
     """A film without limit points: the same curve, all stable, to its end exactly."""
     text = "{vary: force, until: {displacement: -2 mm}}"

@@ -27,7 +27,10 @@ PARTNER: dict[str, Variable] = {
 
 
 class Until(Section):
-    """Where to stop: at the first of these that is reached."""
+    """Where to stop: at the first of these that is reached.
+
+    The end of `along` is met exactly; of the others, the first state beyond is the last one.
+    """
 
     displacement: Length | None = Field(None, description="of the mount")
     force: Force | None = Field(None, description="on the mount")

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from dealib.config.follow import Until
+from dealib.config.columns import COLUMNS
+from dealib.config.follow import Until, Variable
 from dealib.config.program import Stage
 from dealib.errors import ConfigError, NotConverged
 from dealib.program.follow import BIFURCATION, LIMIT_POINT, Branch
@@ -18,6 +20,8 @@ from dealib.program.states import State
 
 if TYPE_CHECKING:
     from dealib.program.simulation import Simulation
+
+log = logging.getLogger(__name__)
 
 
 def prestrain(of: Simulation, stage: Stage) -> Iterator[State]:
@@ -93,13 +97,28 @@ def follow(of: Simulation, stage: Stage) -> Iterator[State]:
             p.drives[pair.port] = (plain_drive(vary, (p.branch.point[0],) * 2),)
             full = p.branch.count >= (given.states or 10 * stage.steps)
             state = _state(of, stage, at, full, found.modes, found.kind)
-            p.branch.done |= full or p.over or _passed(before, state.row, until)
+            p.branch.done |= p.over or _passed(before, state.row, until)
+            if full and given.states is None and not p.branch.done:
+                log.warning(
+                    "stage '%s' ends after %d states, ten times its steps, at %s, not at the end "
+                    "of its branch; give it more steps, or `states`",
+                    stage.stage,
+                    p.branch.count,
+                    _where(p.branch, vary, along),
+                )
+            p.branch.done |= full
             yield State(state.row, p.branch.done, of)
     except NotConverged as error:
         raise NotConverged(
-            f"stage {stage.stage!r} stopped at {vary} = {p.branch.point[0]:.6g}, "
-            f"{along} = {p.branch.point[1]:.6g}: {error}; everything up to there is kept"
+            f"stage {stage.stage!r} stopped at {_where(p.branch, vary, along)}: {error}; "
+            "everything up to there is kept"
         ) from None
+
+
+def _where(branch: Position, *names: Variable) -> str:
+    """Both variables in words."""
+    named = zip(names, branch.point, strict=True)
+    return ", ".join(f"{name} = {value:.6g} {COLUMNS[COLUMN[name]]}" for name, value in named)
 
 
 def _state(

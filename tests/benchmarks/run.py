@@ -244,12 +244,14 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--repeat", type=int, default=5, help="repetitions of what varies")
     parser.add_argument("--quick", action="store_true", help="a tiny device, to see that it works")
     parser.add_argument("--large", action="store_true", help="also the largest meshes")
-    parser.add_argument("--out", type=Path, default=RESULTS, help="JSON")
+    parser.add_argument("--out", type=Path, help="JSON; default results.json, if all are measured")
     parser.add_argument("--readme", action="store_true", help="only renew README's table")
     given = parser.parse_args(arguments)
     if given.readme:
-        renew(ROOT / "README.md", json.loads(given.out.read_text(encoding="utf-8")))
+        renew(ROOT / "README.md", json.loads((given.out or RESULTS).read_text(encoding="utf-8")))
         return
+    # the results of some groups alone would make README's table lose the others
+    out = given.out or (None if given.quick or given.only else RESULTS)
     todo = list(QUICK if given.quick else commands(given.large or bool(given.only)))
     if given.only:
         unknown = set(given.only) - {c.group for c in todo}
@@ -261,7 +263,8 @@ def main(arguments: list[str] | None = None) -> None:
         "repetitions": given.repeat,
         "records": repeat(todo, given.repeat),
     }
-    given.out.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+    if out is not None:
+        out.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     print(table(results))
 
 
