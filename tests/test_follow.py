@@ -19,6 +19,7 @@ from dealib.config.bias import Bistable, Spring
 from dealib.errors import ConfigError, NotConverged
 from dealib.materials import thickness_stretch
 from dealib.program.follow import LIMIT_POINT
+from dealib.report import facts
 from dealib.results.summary import critical_points
 from dealib.units import EPSILON_0
 
@@ -304,6 +305,13 @@ def test_limit_points_are_told(run):
     page = render(run)
     assert "limit voltage (pull-in) in “branch”" in page
     assert "limit point of voltage in “branch”" in page
+
+
+def test_the_report_tells_what_is_followed(run):
+    """In the table of the load program; the port that is followed is not unchanged."""
+    *_, row = facts.program(run.config)
+    assert row["mount"] == "unchanged"
+    assert row["terminal"] == "voltage followed until displacement −2.9 mm"
 
 
 def test_unstable_parts_are_dashed(run):

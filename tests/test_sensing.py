@@ -211,6 +211,15 @@ def test_repeated_actuation_against_a_weight_gives_back_what_it_took(tmp_path):
     assert one.transfer == pytest.approx(two.transfer, rel=1e-6)
 
 
+def test_a_cycle_that_does_no_work_at_the_mount_has_no_signed_zeros(tmp_path):
+    program = "[{stage: push, mount: {displacement: -1 mm}}, {stage: actuate, duration: 4 s, "
+    program += "terminal: {voltage: [0 V, 2 kV, 0 V]}, steps: 4}]"
+    viscous = dealib.load(SMALL.with_name("viscous.yaml"), set={"program": program})
+    (row,) = facts.cycle_table(dealib.simulate(viscous, tmp_path / "held"))
+    assert row[0] == "actuate"
+    assert row[3:] == ("0", "0", "0 %", "0 %")
+
+
 def test_no_cycle_without_a_return(tmp_path):
     program = "[{stage: push, mount: {displacement: -1 mm}, steps: 2}, {stage: hold}, "
     program += "{stage: up, terminal: {voltage: 1 kV}}]"

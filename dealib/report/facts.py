@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
+from dealib.config.follow import PORT_OF
 from dealib.config.program import Stage
 from dealib.config.schema import Config
 from dealib.results.cycles import cycles
@@ -76,17 +77,24 @@ def program(config: Config) -> list[dict[str, str]]:
             "stage": stage.stage,
             "duration": "" if stage.stage == "prestrain" else text(write(stage.duration, "time")),
             "steps": str(stage.steps) + (f" × {stage.cycles}" if stage.cycles > 1 else ""),
-            "mount": "the film is stretched" if stage.stage == "prestrain" else _port(stage.mount),
-            "terminal": _port(stage.terminal),
+            "mount": "the film is stretched"
+            if stage.stage == "prestrain"
+            else _port("mount", stage),
+            "terminal": _port("terminal", stage),
         }
         for stage in config.program
     ]
 
 
-def _port(port: BaseModel | None) -> str:
-    if port is None:
+def _port(port: str, stage: Stage) -> str:
+    """What a stage does at the mount or at the terminal."""
+    if stage.follow is not None and PORT_OF[stage.follow.vary] == port:
+        until = stage.follow.until.model_dump(exclude_none=True)
+        return f"{stage.follow.vary} followed until {text(until)}"
+    given = getattr(stage, port)
+    if given is None:
         return "unchanged"
-    ((name, value),) = port.model_dump(exclude_none=True).items()
+    ((name, value),) = given.model_dump(exclude_none=True).items()
     return f"{name} {text(value)}"
 
 

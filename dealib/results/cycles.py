@@ -75,7 +75,7 @@ class Cycle:
         out, source = -self.mechanical, self.electrical_in
         if self.electrical < 0:  # a generator
             out, source = -self.electrical, self.mechanical_in
-        return max(out, 0.0) / source if source > 0 else np.nan
+        return max(0.0, out) / source if source > 0 else np.nan
 
 
 def cycles(run: Run) -> list[Cycle]:
@@ -137,7 +137,7 @@ def _cycle(history: Any, name: str, first: int, last: int) -> Cycle:
 
     def flows(column: str) -> tuple[float, float]:
         d = np.diff(part[column])
-        return float(d[d > 0].sum()), float(-d[d < 0].sum())
+        return float(d[d > 0].sum()), float(np.abs(d[d < 0]).sum())
 
     lost = part.get("dissipated_energy_mJ")
     return Cycle(
