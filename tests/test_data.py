@@ -133,6 +133,18 @@ def test_loading_and_unloading_are_told_apart(tmp_path):
     assert found.of_branch(1).rmse == pytest.approx(np.sqrt((0.018**2 * 2 + 0.05**2) / 3))
 
 
+def test_a_branch_begins_where_the_abscissa_leaves_its_rest(tmp_path):
+    """Loaded at 0 V, then a voltage cycle: the force at 0 V is that under the load."""
+    voltage = np.array([0, 1e-15, 0, 1, 2, 1, 0.0])
+    force = np.array([0, -0.1, -0.3, -0.28, -0.2, -0.28, -0.3])
+    run = {"voltage_kV": voltage, "force_N": force, "stage": ["load"] * 3 + ["cycle"] * 4}
+    path = tmp_path / "data.csv"
+    path.write_text("voltage [kV],force [N]\n0,-0.3\n1,-0.28\n2,-0.2\n")
+    (found,) = compare(run, read(path, ["voltage_kV", "force_N"]))
+    assert found.computed == pytest.approx([-0.3, -0.28, -0.2], abs=1e-12)
+    assert found.rmse == pytest.approx(0, abs=1e-12)
+
+
 def test_the_picture_shows_the_run_between_the_measured_points(tmp_path, monkeypatch):
     run = hysteresis()
     x, y = np.array([0.1, 0.9, 0.5, 0.1]), np.array([0.1, 0.9, 0.45, 0.082])

@@ -175,8 +175,15 @@ def _direction(x: Array) -> float:
 
 
 def _ascending(x: Array, y: Array) -> tuple[Array, Array]:
-    """The points of a branch at which it advances, in ascending order of x."""
+    """The points of a branch at which it advances, in ascending order of x.
+
+    Where x rests at first, such as a voltage while the mount is loaded, the branch begins with the
+    last point of the rest.
+    """
     way = _direction(x)
+    moved = np.flatnonzero(np.abs(x - x[0]) > _slack(x))
+    if moved.size:
+        x, y = x[moved[0] - 1 :], y[moved[0] - 1 :]
     reached = np.maximum.accumulate(way * x)
     fresh = np.concatenate([[True], reached[1:] > reached[:-1]])
     x, y = x[fresh], y[fresh]
@@ -201,5 +208,10 @@ def _interpolate(run_x: Array, run_y: Array, x: Array, extrapolate: bool) -> Arr
 
 def _beyond(run_x: Array, x: Array) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """Whether points lie before the first one of a run's curve, and behind its last one."""
-    slack = 1e-9 * max(float(np.ptp(run_x)), 1e-300)
+    slack = _slack(run_x)
     return x < run_x[0] - slack, x > run_x[-1] + slack
+
+
+def _slack(run_x: Array) -> float:
+    """What rounding may move a run's abscissa by."""
+    return 1e-9 * max(float(np.ptp(run_x)), 1e-300)
