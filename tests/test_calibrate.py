@@ -282,3 +282,14 @@ def test_foreign_directory_is_left_alone(tmp_path, monkeypatch, capsys):
             2, f"dealib: {out} is no directory of a fit; it is left as it is\n",
         )  # fmt: skip
     assert [p.name for p in out.iterdir()] == ["mine.txt"]
+
+
+def test_solved_cases_are_not_thrown_away_on_the_way_to_resume(tmp_path, monkeypatch, capsys):
+    cases = tmp_path / "out" / "cases"
+    cases.mkdir(parents=True)
+    for file in (cases / "solved.json", cases.parent / "fit.yaml"):
+        file.write_text("{}")
+    given = (FITS / "example.yaml", "--out", cases.parent, "--resume", "--overwrite")
+    code, _, err = call(monkeypatch, capsys, *given)
+    assert (code, err) == (2, "dealib: --overwrite and --resume exclude each other\n")
+    assert (cases / "solved.json").read_text() == "{}"

@@ -22,8 +22,10 @@ def run_fit(
     """Run a fit and print its report.
 
     Raises:
-        ConfigError: If the fit is wrong, or its directory exists.
+        ConfigError: If the fit or the options are wrong, or its directory exists.
     """
+    if resume and overwrite:
+        raise ConfigError("--overwrite and --resume exclude each other")
     plan = Plan(path)
     directory = out or Path(plan.fit.directory)
     _prepare(directory, resume=resume, overwrite=overwrite)
