@@ -258,6 +258,27 @@ def test_key_is_that_of_the_physics(folder, tmp_path):
             "panels.2.field: there is no field 'F'; known: phi, J, tension,",
         ),
         (
+            "&one {thickness: 30 um,",
+            "&one {thickness: 31 um,",
+            "panels.2.where.thickness: there is no '31 um' on this axis; did you mean '30 um'?",
+        ),
+        (
+            "&one {thickness: 30 um, law: neo-Hookean}",
+            "&one {thickness: 30 um}",
+            "panels.2: 'where' must choose one case, not 2",
+        ),
+        (
+            "label: E (MV/m)",
+            "limits: [2, 1]\n    label: E (MV/m)",
+            "panels.2.limits: the first must be below the second",
+        ),
+        (
+            "value: depth, low: 100",
+            "value: depth, where: {law: Ogden}, low: 100",
+            "windows.1.where.law: there is no 'Ogden' on this axis; known: neo-Hookean, "
+            "Mooney-Rivlin",
+        ),
+        (
             "stage: push\n  - {kind",
             "stage: puch\n  - {kind",
             "panels.2.stage: there is no stage 'puch'; did you mean 'push'?",
@@ -275,6 +296,19 @@ def test_mistakes_in_a_study(tmp_path, old, new, message):
     with pytest.raises(ConfigError) as error:
         read(tmp_path / "study.yaml")
     assert message in str(error.value)
+
+
+def test_a_material_is_not_stretched_to_nothing(tmp_path):
+    path = tmp_path / "laws.yaml"
+    material = "{law: neo_hookean, youngs_modulus: 1 MPa}"
+    path.write_text(
+        f"name: laws\ntitle: laws\nmaterial_test: {{material: {material}, stretch: [0, 2]}}\n"
+    )
+    with pytest.raises(ConfigError) as error:
+        read(path)
+    assert str(error.value) == (
+        f"{path}: case 'laws': material_test.stretch.0: must be above 0, not 0"
+    )
 
 
 def test_configs_beside_studies_are_left_out(folder, tmp_path):

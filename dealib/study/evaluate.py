@@ -233,17 +233,9 @@ class Results:
         ]
 
     def chosen(self, index: int) -> Outcome | None:
-        """The one case of a panel that shows fields; None if it has failed.
-
-        Raises:
-            ConfigError: If `where` does not mean one case.
-        """
-        rows = self.where(self.study.panels[index].where)
-        if len(rows) != 1:
-            raise self.plan.fault(
-                ("panels", index), f"'where' must choose one case, not {len(rows)}"
-            )
-        status = self.statuses[rows[0]]
+        """The one case of a panel that shows fields; None if it has failed."""
+        (row,) = self.where(self.study.panels[index].where)
+        status = self.statuses[row]
         return self.outcomes[status.case.label] if status.status == DONE else None
 
     # --- words -----------------------------------------------------------------------------------

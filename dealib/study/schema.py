@@ -17,6 +17,7 @@ from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression, Signat
 from dealib.units import Length, Time
 
 Limits = tuple[float, float]
+Above0 = Annotated[float, Field(gt=0)]
 Where = dict[str, str | tuple[str, ...]]
 Place = tuple[str | int, ...]
 _WHERE = "only cases with these labels on an axis of `vary`"
@@ -39,7 +40,7 @@ class MaterialTest(Section):
     mode: Literal["uniaxial", "equal-biaxial", "pure shear"] = Field(
         "uniaxial", description="also the name of its one stage"
     )
-    stretch: Limits = Field((1.0, 2.0), description="first and last")
+    stretch: tuple[Above0, Above0] = Field((1.0, 2.0), description="first and last")
     points: int = Field(61, ge=2, description="equal steps from first to last")
 
 
@@ -113,6 +114,12 @@ class Contour(_Panel):
     factor: float = Field(1.0, description="from the internal unit to the label's")
     limits: Limits | None = Field(None, description="of the colours; default all but 1 % outliers")
     zoom: Length = Field(0.25, gt=0, description="length shown at each end")
+
+    @model_validator(mode="after")
+    def _rising(self) -> Contour:
+        if self.limits is not None and self.limits[0] >= self.limits[1]:
+            raise ValueAt(("limits",), "the first must be below the second")
+        return self
 
 
 class Shapes(_Panel):

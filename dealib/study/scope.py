@@ -12,7 +12,7 @@ from dealib.geometry import names
 from dealib.plots.quantities import QUANTITIES
 from dealib.study import sample
 from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression, Signature
-from dealib.study.schema import Contour, Curves, MaterialTest, Points
+from dealib.study.schema import Contour, Curves, MaterialTest, Points, Shapes, Where
 
 if TYPE_CHECKING:
     from dealib.study.plan import Plan, Planned
@@ -32,6 +32,10 @@ def check(plan: Plan) -> None:
         except ValueError as error:
             raise plan.fault(where, str(error)) from None
     for i, panel in enumerate(plan.study.panels):
+        _check_labels(plan, ("panels", i), panel.where)
+        count = len(plan.chosen(panel.where))
+        if isinstance(panel, (Contour, Shapes)) and count != 1:
+            raise plan.fault(("panels", i), f"'where' must choose one case, not {count}")
         if not isinstance(panel, Contour):
             continue
         for key in ("field", "stage"):
@@ -40,6 +44,18 @@ def check(plan: Plan) -> None:
                     _argument(key, getattr(panel, key), case.work, ())
             except ValueError as error:
                 raise plan.fault(("panels", i, key), str(error)) from None
+    for i, window in enumerate(plan.study.windows):
+        _check_labels(plan, ("windows", i), window.where)
+
+
+def _check_labels(plan: Plan, part: tuple[str | int, ...], where: Where) -> None:
+    """Raise if a selection asks for a label that its axis does not have."""
+    for axis, given in where.items():
+        known = list(dict.fromkeys(case.axes[axis] for case in plan.cases))
+        for label in (given,) if isinstance(given, str) else given:
+            if label not in known:
+                problem = f"there is no {label!r} on this axis{did_you_mean(label, known)}"
+                raise plan.fault((*part, "where", axis), problem)
 
 
 Found = tuple[tuple[str | int, ...], str, Mapping[str, Signature], "list[Planned]"]
