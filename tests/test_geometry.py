@@ -21,6 +21,10 @@ VARIANTS = {
         "geometry__clamps": CLAMPS,
         "geometry__electrode_thickness": "0 um",
     },
+    "narrow strips under high air": {
+        "geometry__outer_radius": "9.35 mm",
+        "geometry__air_height": "8 mm",
+    },
     "uniform": {"mesh__grading": "uniform"},
     "tanh": {"mesh__grading": "tanh"},
 }
@@ -111,6 +115,16 @@ def test_air_cells_are_well_shaped():
         )
     assert quality.min() > 0.2
     assert np.median(quality) > 0.7
+
+
+def test_air_with_triangles_left_is_refused(monkeypatch):
+    """Gmsh leaves some at very fine sizes; which ones depends on its version."""
+    monkeypatch.setattr(gmsh.model.mesh, "getElementTypes", lambda _: [2, 3])
+    with pytest.raises(ConfigError) as error, gmsh_model(case("benchmark_strip_air").config):
+        pass
+    assert str(error.value) == (
+        "Gmsh leaves triangles among the quadrilaterals of the air; choose another mesh.air_size"
+    )
 
 
 def test_geometric_grading_reaches_its_end():

@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 
 from dealib.config.schema import Geometry, Mesh
+from dealib.errors import ConfigError
 from dealib.geometry import grading, names
 from dealib.geometry.grading import Array
 
 _BLOCK_RATIO = 1.35  # growth of the blocks' cells away from the strips' ends
 _AIR_RATIO = 1.5  # the same for the air's sides
+_TRIANGLE = 2  # Gmsh's number of this element type
 
 
 class _Grid:
@@ -78,6 +80,9 @@ def build(gmsh: Any, geometry: Geometry, mesh: Mesh) -> None:
         gmsh: The initialised gmsh module.
         geometry: Dimensions in mm.
         mesh: Numbers of cells and grading.
+
+    Raises:
+        ConfigError: If the air cannot be meshed so.
     """
     g, has_electrodes = geometry, geometry.electrode_thickness > 0
     half = g.film_thickness / 2
@@ -121,7 +126,7 @@ def build(gmsh: Any, geometry: Geometry, mesh: Mesh) -> None:
         side = _growing(free, nearest, _AIR_RATIO)
         spacing |= {("Z", 0): 1 - side[::-1], ("Z", len(heights) - 2): side}
 
-    grid = _Grid(gmsh, radii, heights)
+    grid, narrow = _Grid(gmsh, radii, heights), False
     groups: dict[tuple[int, str], list[int]] = defaultdict(list)
     for j, layer in enumerate(layers, start=first):
         groups[2, layer].append(grid.rectangle(strip, j))
@@ -137,9 +142,11 @@ def build(gmsh: Any, geometry: Geometry, mesh: Mesh) -> None:
             groups[2, names.FRAME_BLOCK].append(grid.rectangle(2, j))
     mapped = [s for (d, _), tags in groups.items() if d == 2 for s in tags]
     if g.air_height > 0:
-        gmsh.option.setNumber("Mesh.MeshSizeMax", mesh.air_size or g.air_height / 5)
+        size = mesh.air_size or g.air_height / 5
+        gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+        narrow = radii[-1] - radii[0] < size
         _air(grid, groups, strip, first, first + len(layers))
-    _generate(gmsh, grid, groups, mapped, spacing)
+    _generate(gmsh, grid, groups, mapped, spacing, narrow)
 
 
 def _air(
@@ -187,6 +194,7 @@ def _generate(
     groups: dict[tuple[int, str], list[int]],
     mapped: list[int],
     spacing: dict[tuple[str, int], Array],
+    narrow: bool,
 ) -> None:
     model = gmsh.model
     model.geo.synchronize()
@@ -202,5 +210,13 @@ def _generate(
         gmsh.option.setNumber(option, value)
     for surface in mapped:
         model.mesh.setTransfiniteSurface(surface)
+    if narrow:  # two cells along the air's far sides: Gmsh halves their number on its way
+        for line in (*groups[1, names.TOP_AIR], *groups[1, names.BOTTOM_AIR]):
+            model.mesh.setTransfiniteCurve(line, 3)
     grid.space(spacing)
     model.mesh.generate(2)
+    if _TRIANGLE in model.mesh.getElementTypes(2):
+        raise ConfigError(
+            "Gmsh leaves triangles among the quadrilaterals of the air; choose another "
+            "mesh.air_size"
+        )
