@@ -211,16 +211,15 @@ class Columns:
         """Sort points into columns.
 
         Args:
-            edges: Radii that bound the columns (see `face`), ascending.
+            edges: Radii that bound the columns (see `edges`), ascending.
             corners: Corners of the cells (cells, corners, 2).
             position: The points (cells, points, 2).
         """
-        column = np.searchsorted(edges, position[..., 0]) - 1
         x, y = corners[..., 0], corners[..., 1]
         area = np.abs((x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)) / 2
         return cls(
             edges,
-            np.clip(column, 0, len(edges) - 2),
+            _column(edges, position),
             np.broadcast_to(area[:, None] / position.shape[1], position.shape[:2]),
         )
 
@@ -247,14 +246,35 @@ class Columns:
         count, column = len(self.radii), self.column.ravel()
         mine = np.stack([np.bincount(column, p.ravel(), minlength=count) for p in parts])
         sums = total(mine.astype(float))  # without points they are integers
-        with np.errstate(invalid="ignore"):  # columns without points
-            return np.asarray((sums[1:] / sums[0]).T)
+        return np.asarray((sums[1:] / sums[0]).T)
 
 
-def face(corners: Array, top: float) -> Array:
-    """Radii of the corners at a height, ascending."""
-    found = np.sort(corners[np.abs(corners[..., 1] - top) < 1e-6 * abs(top)][:, 0])
-    return np.asarray(found[np.diff(found, prepend=-1.0) > 1e-9 * found.max(initial=1.0)])
+def edges(corners: Array, position: Array) -> Array:
+    """Radii of the film's columns: of the corners on its upper face, ascending, mm.
+
+    A column in which no point lies (of free triangles) goes to its neighbour.
+
+    Args:
+        corners: Corners of all film cells, (cells, corners, 2).
+        position: Their points, (cells, points, 2).
+    """
+    ends = np.roll(corners, -1, axis=1)
+    middle, along = (corners + ends) / 2, ends - corners
+    out = middle - corners.mean(axis=1, keepdims=True)
+    turn = np.sign(out[..., 1] * along[..., 0] - out[..., 0] * along[..., 1])
+    _, sides, cells = np.unique(
+        middle.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True
+    )
+    free = (cells[sides.ravel()] == 1).reshape(turn.shape)  # of one cell only
+    upper = free & (turn * along[..., 0] > np.abs(along[..., 1]))
+    found = np.unique([corners[upper][:, 0], ends[upper][:, 0]])
+    found = found[np.diff(found, prepend=-1.0) > 1e-9 * found[-1]]
+    used = np.unique(_column(found, position))
+    return np.append(found[[0, *used[1:]]], found[-1])
+
+
+def _column(edges: Array, position: Array) -> npt.NDArray[np.int64]:
+    return np.clip(np.searchsorted(edges, position[..., 0]) - 1, 0, len(edges) - 2)
 
 
 # --- fields --------------------------------------------------------------------------------------
@@ -284,8 +304,8 @@ def fields(
     else:
         internal = None
     tensions = film.tensions(k, pressure, internal)
-    edges = face(mesh.corners[cells], float(mesh.corners[cells][..., 1].max()))
-    columns = Columns.of(edges, mesh.corners[cells], points.position)
+    corners = mesh.corners[cells]
+    columns = Columns.of(edges(corners, points.position), corners, points.position)
     wrinkling = film.wrinkling(columns.average(tensions, k))
     found = {
         "tension": tensions.min(axis=-1),
