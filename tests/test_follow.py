@@ -2,7 +2,9 @@
 
 import json
 import re
+from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -270,7 +272,7 @@ def run(tmp_path_factory):
 
 
 def test_limit_points_are_told(run):
-    first, second = critical_points(run.history, run.config)
+    first, second = critical_points(run)
     assert first.name == "limit voltage (pull-in)"
     assert second.name == "limit point of voltage"
     assert (first.modes, second.modes) == ((0, 1), (1, 0))
@@ -284,6 +286,20 @@ def test_limit_points_are_told(run):
     page = render(run)
     assert "limit voltage (pull-in) in “branch”" in page
     assert "limit point of voltage in “branch”" in page
+
+
+def test_limit_points_of_stages_of_one_name(run):
+    """Conditions have ended those before the branch, long before their time."""
+    first, *others = run.config.program
+    alike = [s.model_copy(update={"stage": "s", "duration": 99.0}) for s in others]
+    h = run.history.assign(stage=["prestrain"] + ["s"] * (len(run.history) - 1))
+    ends = [run.history.query("stage == @s.stage")["step"].iloc[-1] for s in others[:-1]]
+    like = SimpleNamespace(
+        history=h,
+        config=run.config.model_copy(update={"program": (first, *alike)}),
+        info={"stops": [{"step": int(step)} for step in ends]},
+    )
+    assert critical_points(like) == [replace(p, stage="s (3)") for p in critical_points(run)]
 
 
 def test_unstable_parts_are_dashed(run):
