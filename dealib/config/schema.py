@@ -271,12 +271,19 @@ class Config(Section):
         if g.air_height == 0:
             return
         below = g.clamps.height if g.clamps else g.half_thickness
+        given: list[tuple[str, tuple[float, ...]]] = []
         for stage in self.program:
             values = (stage.mount and stage.mount.displacement) or ()
-            stroke = max((abs(v) for v in values), default=0.0)
+            if stage.follow is not None and stage.follow.pair[1] == "displacement":
+                values = (stage.follow.until.displacement or 0.0,)
+            given.append((f"in stage {stage.stage!r}", values))
+        if self.tables is not None:
+            given.append(("in tables", self.tables.displacement))
+        for where, values in given:
+            stroke = max(map(abs, values), default=0.0)
             if stroke >= 0.9 * (g.air_height - below):
                 raise ValueAt(
                     ("geometry", "air_height"),
                     f"{g.air_height:g} mm of air are too low for the displacement of "
-                    f"{stroke:g} mm in stage {stage.stage!r}; twice the stroke works well",
+                    f"{stroke:g} mm {where}; twice the stroke works well",
                 )
