@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from conftest import case, history
+from conftest import CONFIGS, case, history
 from scipy.optimize import minimize_scalar
 from typer.testing import CliRunner
 from verification import free_block as block
@@ -260,6 +260,26 @@ def test_a_flat_film_buckles_where_its_tension_is_gone():
     stress = film.shear_modulus * (lp**2 - lz**2) * (lp**2 * lz) ** (-5 / 3)
     gone = g.film_thickness * np.sqrt(stress / (EPSILON_0 * film.relative_permittivity))
     assert first["voltage_kV"] == pytest.approx(gone, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("start", "follow"),
+    [
+        ("displacement: -0.5 mm", "{vary: force, until: {displacement: -0.7 mm}}"),
+        ("force: -0.1 N", "{vary: displacement, until: {force: -0.13 N}}"),
+    ],
+)
+def test_small_signals_on_a_path_are_those_of_what_it_varies(start, follow):
+    """As after it, where that is held: at constant force, or at constant displacement."""
+    push = f"{{stage: push, mount: {{{start}}}, terminal: {{voltage: 0.5 kV}}}}"
+    small = CONFIGS.parent / "tests" / "small.yaml"
+    program = f"[{push}, {{stage: path, follow: {follow}, steps: 2}}, {{stage: hold}}]"
+    given = dealib.load(small, set={"program": program, "sensing.differential": True})
+    *_, before, last, held = (state.row for state in dealib.Simulation(given))
+    free, blocked = "differential_capacitance_pF", "blocked_capacitance_pF"
+    assert last[free] == pytest.approx(held[free], rel=1e-7)
+    for row in (before, last):
+        assert (row[free] == row[blocked]) == ("vary: displacement" in follow)
 
 
 # --- what the user sees --------------------------------------------------------------------------
