@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import CONFIGS, case, history
+from conftest import CONFIGS, case, history, thinned
 from scipy.optimize import minimize_scalar
 from typer.testing import CliRunner
 from watch import At
@@ -16,7 +16,6 @@ from dealib.cli.app import app
 from dealib.config.columns import COLUMNS
 from dealib.errors import ConfigError
 from dealib.fem.measures import QUANTITIES, VISCOUS
-from dealib.geometry.model import gmsh_model
 from dealib.materials.response import stability_limit
 from dealib.results import local
 from dealib.results.margins import Columns, Film, edges, fields
@@ -227,14 +226,8 @@ def test_margins_and_sheets_of_a_film_that_is_not_flat(tmp_path):
     """A mesh of the user, 1 % thinner at one end or in the middle: nearly the same numbers."""
     changes = {"mesh__columns": 20, "sensing__sheet_resistance": "10 kohm"}
     flat = rows(small(**changes))[-1]
-    for n, shape in enumerate((lambda s: 1 - s, lambda s: (2 * s - 1) ** 2)):
-        path = tmp_path / f"{n}.msh"
-        with gmsh_model(small(**changes).config) as session:
-            mesh = session.model.mesh
-            tags, nodes, _ = mesh.getNodes()
-            for tag, (R, Z, _) in zip(tags, nodes.reshape(-1, 3), strict=True):
-                mesh.setNode(tag, [R, Z * (1 - 0.01 * (1 - shape((R - 8) / 4))), 0], [])
-            session.write(str(path))
+    for thickness in (lambda s: 1 - 0.01 * s, lambda s: 1 - 0.01 * (1 - (2 * s - 1) ** 2)):
+        path = thinned(small(**changes), tmp_path / "own.msh", thickness)
         found = rows(small(**changes, mesh__file=str(path)))[-1]
         for key in ("tension_min_MPa", "electrode_resistance_kohm", "rc_time_us"):
             assert found[key] == pytest.approx(flat[key], rel=0.02), key

@@ -19,7 +19,7 @@ from dealib.materials.laws import Law, invariants_of_stretches
 from dealib.materials.prestretch import bracket
 from dealib.materials.response import curvature, softens, stiffness
 from dealib.results import local
-from dealib.results.elements import Array
+from dealib.results.elements import Array, face
 from dealib.results.mesh import ResultMesh
 
 
@@ -258,16 +258,8 @@ def edges(corners: Array, position: Array) -> Array:
         corners: Corners of all film cells, (cells, corners, 2).
         position: Their points, (cells, points, 2).
     """
-    ends = np.roll(corners, -1, axis=1)
-    middle, along = (corners + ends) / 2, ends - corners
-    out = middle - corners.mean(axis=1, keepdims=True)
-    turn = np.sign(out[..., 1] * along[..., 0] - out[..., 0] * along[..., 1])
-    _, sides, cells = np.unique(
-        middle.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True
-    )
-    free = (cells[sides.ravel()] == 1).reshape(turn.shape)  # of one cell only
-    upper = free & (turn * along[..., 0] > np.abs(along[..., 1]))
-    found = np.unique([corners[upper][:, 0], ends[upper][:, 0]])
+    upper = face(corners, 1)
+    found = np.unique([corners[upper][:, 0], np.roll(corners, -1, axis=1)[upper][:, 0]])
     found = found[np.diff(found, prepend=-1.0) > 1e-9 * found[-1]]
     used = np.unique(_column(found, position))
     return np.append(found[[0, *used[1:]]], found[-1])
