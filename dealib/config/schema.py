@@ -16,6 +16,7 @@ from dealib.config.section import Section
 from dealib.config.stop import Condition, check_conditions
 from dealib.config.tables import Tables
 from dealib.errors import ValueAt
+from dealib.materials.branches import Viscoelastic
 from dealib.units import ElectricField, Length, Resistance, Stress
 
 
@@ -235,6 +236,13 @@ class Config(Section):
         """Run directory."""
         return os.path.expanduser(self.output.directory or f"runs/{self.name}")
 
+    @property
+    def solids(self) -> dict[str, Viscoelastic]:
+        """The materials that are in the device."""
+        m = self.materials
+        bodies = self.geometry.electrode_thickness > 0
+        return {"film": m.film} | ({"electrode": m.electrode} if bodies and m.electrode else {})
+
     @model_validator(mode="after")
     def _consistent(self) -> Config:
         if self.geometry.electrode_thickness > 0 and self.materials.electrode is None:
@@ -257,11 +265,11 @@ class Config(Section):
         self._air_above_stroke()
         if self.tables is not None and self.physics.coupling != "energy":
             raise ValueAt(("physics", "coupling"), "tables come from one potential: energy only")
-        for region in ("film", "electrode") if self.tables is not None else ():
-            if getattr(getattr(self.materials, region), "branches", ()):
+        for region, law in self.solids.items() if self.tables is not None else ():
+            if law.branches:
                 where = f"materials.{region} has branches"
                 raise ValueAt(("tables",), f"{where}: its force depends on time, which tables lack")
-        check_branches(self.program, self.physics.coupling, self.materials)
+        check_branches(self.program, self.physics.coupling, self.solids)
         check_second_films(self)
         return self
 
