@@ -7,6 +7,7 @@ from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from conftest import CONFIGS, case, history
 from scipy.optimize import minimize_scalar
@@ -320,6 +321,18 @@ def test_limit_points_of_stages_of_one_name(run):
         info={"stops": [{"step": int(step)} for step in ends]},
     )
     assert critical_points(like) == [replace(p, stage="s (3)") for p in critical_points(run)]
+
+
+def test_a_branch_that_ends_in_its_limit_point_has_nothing_behind_it(run):
+    """As with `stop_when: [limit_point > 0]`; what comes next is under another control."""
+    end = int(run.history["limit_point"].to_numpy().argmax())
+    h = pd.concat([run.history.iloc[: end + 1], run.history.iloc[:1].assign(stage="hold")])
+    h["time_s"] = h["step"] = np.arange(len(h))
+    program = (*run.config.program, run.config.program[1].model_copy(update={"stage": "hold"}))
+    config = run.config.model_copy(update={"program": program})
+    like = SimpleNamespace(history=h.reset_index(drop=True), config=config, info={})
+    (point,) = critical_points(like)
+    assert (point.stage, point.modes) == ("branch", (0, None))
 
 
 def test_unstable_parts_are_dashed(run):

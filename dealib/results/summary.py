@@ -121,7 +121,8 @@ def critical_points(run: Run) -> list[CriticalPoint]:
         modes = history["unstable_modes"]
         limit = bool(row["limit_point"])
         before = int(modes[k] if limit else modes[k - 1])
-        after = (int(modes[k + 1]) if k + 1 in modes else None) if limit else int(modes[k])
+        goes_on = k + 1 in modes and number[k + 1] == stage
+        after = (int(modes[k + 1]) if goes_on else None) if limit else int(modes[k])
         found.append(
             CriticalPoint(
                 titles[stage],
