@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import functools
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
 import dealib
+from dealib.geometry.model import gmsh_model
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 CONFIGS = Path(__file__).parent.parent / "configs"
@@ -31,6 +33,19 @@ def _history(name: str, changes: tuple[tuple[str, object], ...]) -> pd.DataFrame
 def history(name: str, **changes: object) -> pd.DataFrame:
     """The history of a shipped config with changes, computed once."""
     return _history(name, tuple(sorted(changes.items())))
+
+
+def thinned(given: dealib.Case, path: Path, thickness: Callable[[float], float]) -> Path:
+    """Write a case's mesh with heights scaled by a function of the share of the way outwards."""
+    g = given.config.geometry
+    with gmsh_model(given.config) as session:
+        mesh = session.model.mesh
+        tags, nodes, _ = mesh.getNodes()
+        for tag, (R, Z, _) in zip(tags, nodes.reshape(-1, 3), strict=True):
+            share = (R - g.inner_radius) / (g.outer_radius - g.inner_radius)
+            mesh.setNode(tag, [R, Z * thickness(share), 0], [])
+        session.write(str(path))
+    return path
 
 
 @pytest.fixture(scope="session")

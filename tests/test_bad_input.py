@@ -228,6 +228,20 @@ EDITS = [
     ("air lower than the stroke", "6 mm", "2 mm",
      "7:15: geometry.air_height: 2 mm of air are too low for the displacement of 2 mm in stage "
      "'push'; twice the stroke works well", "2 mm"),
+    ("air lower than a path", "terminal: {voltage: [0 V, 2 kV, 0 V]}, steps: 2}",
+     "follow: {vary: force, until: {displacement: -7 mm}}}",
+     "7:15: geometry.air_height: 6 mm of air are too low for the displacement of 7 mm in stage "
+     "'actuate'; twice the stroke works well", "6 mm"),
+    ("air lower than tables", "program:",
+     "tables: {displacement: [1 mm, -6 mm], voltage: [0 V, 2 kV]}\nprogram:",
+     "7:15: geometry.air_height: 6 mm of air are too low for the displacement of 6 mm in tables; "
+     "twice the stroke works well", "6 mm"),
+    # moduli
+    ("modulus below zero", "youngs_modulus: 3 MPa", "youngs_modulus: -3 MPa",
+     "18:21: materials.electrode.youngs_modulus: must be above 0, not '-3 MPa'", "-3 MPa"),
+    ("exponent of zero", "law: neo_hookean\n    youngs_modulus: 3 MPa",
+     "law: ogden\n    youngs_modulus: 3 MPa\n    alpha: [0]",
+     "19:12: materials.electrode.alpha: an exponent must not be 0", "[0]"),
     # tables
     ("tables of one voltage", "program:",
      "tables: {displacement: [0 mm, -1 mm], voltage: [2 kV, 2 kV]}\nprogram:",

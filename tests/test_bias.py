@@ -379,6 +379,7 @@ def test_a_stroke_that_ends_outside_the_chart_is_told():
         (["--reach", "-4 mm"], "--reach: expected two displacements"),
         (["--voltage", "0 kV"], "give one with --voltage"),
         (["--set", "program.2.mount={displacement: -2 mm}"], "no stage loads the mount by bias"),
+        (["--set", "program.2.mount={force: 0 N}"], "the bias leaves the mount at 0 mm; give the "),
     ],
 )
 def test_command_explains(tmp_path, monkeypatch, options, message):

@@ -2,11 +2,14 @@
 
 import json
 import re
+from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
-from conftest import case, history
+from conftest import CONFIGS, case, history
 from scipy.optimize import minimize_scalar
 from typer.testing import CliRunner
 from verification import free_block as block
@@ -281,6 +284,26 @@ def test_a_flat_film_buckles_where_its_tension_is_gone():
     assert first["voltage_kV"] == pytest.approx(gone, rel=0.01)
 
 
+@pytest.mark.parametrize(
+    ("start", "follow"),
+    [
+        ("displacement: -0.5 mm", "{vary: force, until: {displacement: -0.7 mm}}"),
+        ("force: -0.1 N", "{vary: displacement, until: {force: -0.13 N}}"),
+    ],
+)
+def test_small_signals_on_a_path_are_those_of_what_it_varies(start, follow):
+    """As after it, where that is held: at constant force, or at constant displacement."""
+    push = f"{{stage: push, mount: {{{start}}}, terminal: {{voltage: 0.5 kV}}}}"
+    small = CONFIGS.parent / "tests" / "small.yaml"
+    program = f"[{push}, {{stage: path, follow: {follow}, steps: 2}}, {{stage: hold}}]"
+    given = dealib.load(small, set={"program": program, "sensing.differential": True})
+    *_, before, last, held = (state.row for state in dealib.Simulation(given))
+    free, blocked = "differential_capacitance_pF", "blocked_capacitance_pF"
+    assert last[free] == pytest.approx(held[free], rel=1e-7)
+    for row in (before, last):
+        assert (row[free] == row[blocked]) == ("vary: displacement" in follow)
+
+
 # --- what the user sees --------------------------------------------------------------------------
 
 
@@ -291,7 +314,7 @@ def run(tmp_path_factory):
 
 
 def test_limit_points_are_told(run):
-    first, second = critical_points(run.history, run.config)
+    first, second = critical_points(run)
     assert first.name == "limit voltage (pull-in)"
     assert second.name == "limit point of voltage"
     assert (first.modes, second.modes) == ((0, 1), (1, 0))
@@ -312,6 +335,32 @@ def test_the_report_tells_what_is_followed(run):
     *_, row = facts.program(run.config)
     assert row["mount"] == "unchanged"
     assert row["terminal"] == "voltage followed until displacement −2.9 mm"
+
+
+def test_limit_points_of_stages_of_one_name(run):
+    """Conditions have ended those before the branch, long before their time."""
+    first, *others = run.config.program
+    alike = [s.model_copy(update={"stage": "s", "duration": 99.0}) for s in others]
+    h = run.history.assign(stage=["prestrain"] + ["s"] * (len(run.history) - 1))
+    ends = [run.history.query("stage == @s.stage")["step"].iloc[-1] for s in others[:-1]]
+    like = SimpleNamespace(
+        history=h,
+        config=run.config.model_copy(update={"program": (first, *alike)}),
+        info={"stops": [{"step": int(step)} for step in ends]},
+    )
+    assert critical_points(like) == [replace(p, stage="s (3)") for p in critical_points(run)]
+
+
+def test_a_branch_that_ends_in_its_limit_point_has_nothing_behind_it(run):
+    """As with `stop_when: [limit_point > 0]`; what comes next is under another control."""
+    end = int(run.history["limit_point"].to_numpy().argmax())
+    h = pd.concat([run.history.iloc[: end + 1], run.history.iloc[:1].assign(stage="hold")])
+    h["time_s"] = h["step"] = np.arange(len(h))
+    program = (*run.config.program, run.config.program[1].model_copy(update={"stage": "hold"}))
+    config = run.config.model_copy(update={"program": program})
+    like = SimpleNamespace(history=h.reset_index(drop=True), config=config, info={})
+    (point,) = critical_points(like)
+    assert (point.stage, point.modes) == ("branch", (0, None))
 
 
 def test_unstable_parts_are_dashed(run):

@@ -2,10 +2,11 @@
 
 import json
 import shutil
+from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import CONFIGS, case, history
+from conftest import CONFIGS, case, history, thinned
 from scipy.optimize import minimize_scalar
 from typer.testing import CliRunner
 from watch import At
@@ -17,7 +18,8 @@ from dealib.errors import ConfigError
 from dealib.fem.measures import QUANTITIES, VISCOUS
 from dealib.materials.response import stability_limit
 from dealib.results import local
-from dealib.results.margins import Columns, Film, face, fields
+from dealib.results.margins import Film, fields
+from dealib.results.thickness import Columns, edges
 from dealib.units import EPSILON_0
 
 SMALL = CONFIGS.parent / "tests" / "small.yaml"
@@ -199,15 +201,37 @@ def test_average_through_the_thickness():
     corners = np.array([[(a, b), (c, b), (c, d), (a, d)] for a, b, c, d in boxes], float)
     corners[..., 0] += 5
     position = corners.mean(axis=1, keepdims=True)
-    edges = face(corners, 3.0)
-    assert edges.tolist() == [5, 6, 8]
-    columns = Columns.of(edges, corners, position)
+    radii = edges(corners, position)
+    assert radii.tolist() == [5, 6, 8]
+    columns = Columns.of(radii, corners, position)
     F = np.tile(np.eye(3), (4, 1, 1, 1))
     F[1, 0, 1, 1] = 2.0  # the second cell is twice as thick now
     k = local.Kinematics(F, np.linalg.det(F), np.zeros((4, 1, 3)))
     values = np.array([1.0, 2.0, 3.0, 6.0])[:, None, None]
     assert columns.average(values, k)[:, 0] == pytest.approx([(1 + 4 * 2) / 5, (2 * 3 + 6) / 3])
     assert columns.radii.tolist() == [5.5, 7]
+
+
+def test_columns_end_at_the_corners_of_the_upper_face():
+    """Wherever that is: here it rises to a ridge at R = 7, over a free triangulation."""
+    upper, lower = [(5, 1), (6.2, 1.6), (6.3, 1.65), (7, 2), (9.3, 1)], [(5, 0), (9.3, 0)]
+    fan = [(lower[0], b, a) for a, b in pairwise(upper)]
+    corners = np.array([*fan, (lower[0], lower[1], upper[-1])], float)
+    centres = corners.mean(axis=1, keepdims=True)  # none lies between 6.2 and 7 mm
+    assert edges(corners, centres).tolist() == [5, 7, 9.3]
+    everywhere = np.append(centres, [[[6.25, 1]], [[6.5, 1]]], axis=0)
+    assert edges(corners, everywhere).tolist() == [5, 6.2, 6.3, 7, 9.3]
+
+
+def test_margins_and_sheets_of_a_film_that_is_not_flat(tmp_path):
+    """A mesh of the user, 1 % thinner at one end or in the middle: nearly the same numbers."""
+    changes = {"mesh__columns": 20, "sensing__sheet_resistance": "10 kohm"}
+    flat = rows(small(**changes))[-1]
+    for thickness in (lambda s: 1 - 0.01 * s, lambda s: 1 - 0.01 * (1 - (2 * s - 1) ** 2)):
+        path = thinned(small(**changes), tmp_path / "own.msh", thickness)
+        found = rows(small(**changes, mesh__file=str(path)))[-1]
+        for key in ("tension_min_MPa", "electrode_resistance_kohm", "rc_time_us"):
+            assert found[key] == pytest.approx(flat[key], rel=0.02), key
 
 
 def test_bending_compresses_one_face_but_not_the_average():

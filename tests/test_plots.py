@@ -7,7 +7,7 @@ import av
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import CONFIGS, case
+from conftest import CONFIGS, case, thinned
 from matplotlib.image import imread
 from PIL import Image
 from typer.testing import CliRunner
@@ -208,6 +208,21 @@ def test_surface_charge_adds_up_to_the_charge_of_the_terminal(shape):
     assert total[names.FILM_BOTTOM] == pytest.approx(-charge, rel=2e-3)
     shown = lines(shape, SURFACE_CHARGE)["electrode at the top face"][1]
     assert shown == pytest.approx(1e3 * surface_charge(shape, names.FILM_TOP)[1])
+
+
+def test_charge_along_a_film_that_is_not_flat(tmp_path):
+    """A mesh of the user, 10 % thinner at the outer end."""
+    small, columns = CONFIGS.parent / "tests" / "small.yaml", 20
+    changes = {"mesh.columns": columns, "program": "[{stage: on, terminal: {voltage: 1 kV}}]"}
+    path = thinned(dealib.load(small, set=changes), tmp_path / "own.msh", lambda s: 1 - 0.1 * s)
+    run = dealib.simulate(dealib.load(small, set={**changes, "mesh.file": path}), tmp_path / "run")
+    shape = Shape(run)
+    for face, sign in ((names.FILM_TOP, 1), (names.FILM_BOTTOM, -1)):
+        R, sigma = surface_charge(shape, face)
+        assert len(R) == 2 * columns + 1
+        ring = 2 * np.pi * R * sigma
+        charge = ((ring[1:] + ring[:-1]) / 2 * np.diff(R)).sum()
+        assert charge == pytest.approx(sign * run.history["charge_uC"].iloc[-1], rel=2e-3)
 
 
 def test_profiles_run_along_the_film(shape):

@@ -240,6 +240,24 @@ def test_stages_of_one_name_are_told_apart_and_the_mount_decides_what_is_told(tm
     assert text.count("stroke in") == 2
 
 
+def test_what_a_path_set_free_is_held_after_it(tmp_path):
+    """A force after one of the force, a displacement after one of the displacement."""
+    small, up = CONFIGS.parent / "tests" / "small.yaml", "{stage: up, terminal: {voltage: 1 kV}}"
+    for start, follow, stroke in (
+        ("displacement: -1 mm", "{vary: force, until: {displacement: -1.2 mm}}", True),
+        ("force: -0.1 N", "{vary: displacement, until: {force: -0.15 N}}", False),
+    ):
+        push = f"{{stage: push, mount: {{{start}}}, steps: 2}}"
+        program = f"[{push}, {{stage: path, follow: {follow}, steps: 2}}, {up}]"
+        run = dealib.simulate(dealib.load(small, set={"program": program}), tmp_path / start[:5])
+        (told,) = actuations(run)
+        u, F = run.history["displacement_mm"], run.history["force_N"]
+        moved = abs(u - u.iloc[-2]).iloc[-1], abs(F - F.iloc[-2]).iloc[-1]
+        assert (moved[1] < 1e-9) == stroke
+        expected = (moved[0], None) if stroke else (None, moved[1])
+        assert (told.stroke, told.force_change) == expected
+
+
 def test_a_stage_ends_early_by_its_condition():
     program = dealib.load(
         CONFIGS.parent / "tests" / "small.yaml",

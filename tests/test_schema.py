@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import jsonschema
+import numpy as np
 import pytest
 from conftest import CONFIGS
 from ruamel.yaml import YAML
@@ -172,3 +173,25 @@ def test_templates_offer_keys_that_exist(tmp_path, name):
     path.write_text(text)
     (tmp_path / "plain.yaml").write_text(template(name))
     assert dealib.load(path).config == dealib.load(tmp_path / "plain.yaml").config
+
+
+def test_overrides_are_values_of_python():
+    """None and tuples too, and numpy's numbers."""
+    small = Path(__file__).with_name("small.yaml")
+    clamped = ["geometry.clamps={width: 1 mm, height: 1 mm}", "limits.stretch_max=2"]
+    assert dealib.load(small, set=clamped).config.geometry.clamps is not None
+    given = {
+        "geometry.clamps": None,
+        "limits.stretch_max": None,
+        "mesh.columns": np.int64(6),
+        "materials.film.prestretch": (1.1, np.float64(1.2)),
+        "program": [{"stage": "a", "mount": None, "terminal": {"voltage": ["0 V", "1 kV"]}}],
+        "output.directory": Path("runs/a: b"),
+    }
+    config = dealib.load(small, set=given).config
+    assert config.geometry.clamps is None
+    assert config.limits.stretch_max is None
+    assert config.mesh.columns == 6
+    assert config.materials.film.prestretch == (1.1, 1.2)
+    assert config.program[0].terminal.voltage == (0, 1)
+    assert config.directory == "runs/a: b"

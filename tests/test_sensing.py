@@ -250,6 +250,23 @@ def test_every_input_of_a_cycle_comes_back_to_where_it_was(tmp_path):
     assert cycle_rows(f"{program}0 V]}}}}]", tmp_path / "e") == [("on", 2, 4)]
 
 
+def test_creep_at_rest_is_no_cycle(tmp_path):
+    """A voltage of 0 V that stays 0 V does not come back, whatever the film does meanwhile."""
+    creeping = "branches: [{shear_modulus: 0.2 MPa, relaxation_time: 1 s}]"
+    film = "law: neo_hookean, youngs_modulus: 1 MPa, relative_permittivity: 3, prestretch: 1.1"
+    program = (
+        "[{stage: hang, duration: 0.1 s, mount: {force: -0.05 N}},"
+        " {stage: wait, duration: 3 s, terminal: {voltage: 0 V}},"
+        " {stage: on, terminal: {voltage: [0 V, 1 kV, 0 V]}, steps: 2}]"
+    )
+    given = small(program=program, materials__film=f"{{{film}, {creeping}}}")
+    run = dealib.simulate(given, tmp_path / "run")
+    waited = run.history.query("stage == 'wait'")
+    assert np.ptp(waited["displacement_mm"]) > 0.003  # and it goes on
+    (found,) = cycles(run)
+    assert (found.name, found.first) == ("on", waited["step"].iloc[-1])
+
+
 def test_cycles_after_a_branch_that_is_followed(tmp_path):
     """Its stage lasts as long as its path; a killed run says nothing of stops."""
     program = (

@@ -128,6 +128,17 @@ def test_files_hold_the_same(made):
     assert loaded.strip() == "[]"
 
 
+def test_rows_may_come_in_another_order(made, tmp_path):
+    """As a spreadsheet leaves them: by voltage first."""
+    run, tables = made
+    head, *lines = (run.directory / "tables.csv").read_text().splitlines()
+    lines.sort(key=lambda line: [-float(x) for x in line.split(",")[1::-1]])
+    (tmp_path / "tables.csv").write_text("\n".join([head, *lines]))
+    read = dealib.tables(tmp_path / "tables.csv")
+    for key, values in tables.plain().items():
+        assert np.array_equal(getattr(read, key), values), key
+
+
 def test_outside_and_absent_tables_are_explained(made, tmp_path):
     _, tables = made
     with pytest.raises(ValueError, match=r"a displacement of -2\.5 \.\. -0\.5 mm only"):
@@ -139,6 +150,9 @@ def test_outside_and_absent_tables_are_explained(made, tmp_path):
     (tmp_path / "tables.csv").write_text("a,b\n1,2\n")
     with pytest.raises(ConfigError, match=r"tables.csv: no tables of dealib"):
         dealib.tables(tmp_path / "tables.csv")
+    (tmp_path / "tables.mat").touch()
+    with pytest.raises(ConfigError, match=r"tables.mat: no tables of dealib \(Mat file appears to"):
+        dealib.tables(tmp_path / "tables.mat")
     with pytest.raises(ConfigError, match="the key tables is missing"):
         tables_case(case("membrane"))
 

@@ -492,3 +492,23 @@ def test_tension_counts_the_branches(run):
     film = run.mesh.cells[run.mesh.in_region("film")]
     assert stored[film].max() == pytest.approx(row["wrinkling_use"], rel=1e-3, abs=1e-3)
     assert row["tension_min_MPa"] > 1.02 * without["tension_min_MPa"]
+
+
+@pytest.mark.parametrize(
+    "part",
+    [
+        {"tables": "{displacement: [0 mm, -1 mm], voltage: [0 V, 1 kV]}"},
+        {"program": "[{stage: path, follow: {vary: voltage, until: {charge: 0.1 uC}}}]"},
+    ],
+)
+def test_branches_of_electrodes_without_thickness_do_not_count(part):
+    """Tables and paths ask for elastic materials, of what is in the device."""
+    small = FILE.with_name("small.yaml")
+    branch = "branches: [{shear_modulus: 1 MPa, relaxation_time: 1 s}]"
+    given = {
+        "materials.electrode": f"{{law: neo_hookean, youngs_modulus: 1 MPa, {branch}}}",
+        **part,
+    }
+    assert set(dealib.load(small, set=given).config.solids) == {"film"}
+    with pytest.raises(ConfigError, match=r"materials\.electrode"):
+        dealib.load(small, set={**given, "geometry.electrode_thickness": "10 um"})

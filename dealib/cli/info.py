@@ -28,7 +28,7 @@ def summary(run: Run) -> str:
         if a.force_change is not None:
             force = f"{_clean(a.force_change):.5g} N {peak} (mount held)"
             rows.append((f"force change in {a.stage!r}", force))
-    for point in critical_points(h, run.config):
+    for point in critical_points(run):
         rows.append((f"{point.name} in {point.stage!r}", point.text))
     c, e = h["capacitance_pF"], h["field_max_MV_per_m"]
     rows += [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -38,13 +39,15 @@ def load(path: str | Path, set: Mapping[str, Any] | Iterable[str] | None = None)
 
     Args:
         path: The YAML file.
-        set: Overrides, as a mapping of dotted keys or as 'key=value' texts.
+        set: Overrides, as a mapping of dotted keys or as 'key=value' texts. A text is read as YAML;
+            None is its null: no clamps, no limit.
 
     Raises:
         ConfigError: With one message a mistake, each with its place in the file.
     """
     source = Source(Path(path))
-    pairs = [f"{k}={v}" for k, v in set.items()] if isinstance(set, Mapping) else list(set or ())
+    items = set.items() if isinstance(set, Mapping) else ()
+    pairs = [f"{k}={_yaml(v)}" for k, v in items] or list(set or ())
     for assignment in pairs:
         source.override(assignment)
     config = validate(Config, source)
@@ -59,6 +62,13 @@ def load(path: str | Path, set: Mapping[str, Any] | Iterable[str] | None = None)
             update={"mesh": config.mesh.model_copy(update={"file": str(found)})}
         )
     return Case(config, source.text, source.path, tuple(pairs))
+
+
+def _yaml(value: Any) -> str:
+    """A value of Python or numpy as YAML; a text is YAML already."""
+    if isinstance(value, str):
+        return value
+    return json.dumps(value, default=lambda x: getattr(x, "tolist", x.__str__)())
 
 
 def read(path: Path) -> Config:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, Literal, TypeAlias
 
 from pydantic import Field, model_validator
@@ -74,7 +74,7 @@ class Follow(Section):
         return self
 
 
-def check_branches(program: Iterable[Any], coupling: str, materials: Any) -> None:
+def check_branches(program: Iterable[Any], coupling: str, solids: Mapping[str, Any]) -> None:
     """Branches of equilibria need a potential, elastic materials, and two variables that are free.
 
     Raises:
@@ -91,8 +91,8 @@ def check_branches(program: Iterable[Any], coupling: str, materials: Any) -> Non
             continue
         if coupling != "energy":
             raise ValueAt(("physics", "coupling"), "branches are followed with energy only")
-        for region in ("film", "electrode"):
-            if getattr(getattr(materials, region), "branches", ()):
+        for region, law in solids.items():
+            if law.branches:
                 raise ValueAt(
                     ("materials", region, "branches"),
                     "a stage with follow runs along equilibria, out of time; take these out for it",

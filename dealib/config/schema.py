@@ -16,6 +16,7 @@ from dealib.config.section import Section
 from dealib.config.stop import Condition, check_conditions
 from dealib.config.tables import Tables
 from dealib.errors import ValueAt
+from dealib.materials.branches import Viscoelastic
 from dealib.units import ElectricField, Length, Resistance, Stress
 
 
@@ -235,6 +236,13 @@ class Config(Section):
         """Run directory."""
         return os.path.expanduser(self.output.directory or f"runs/{self.name}")
 
+    @property
+    def solids(self) -> dict[str, Viscoelastic]:
+        """The materials that are in the device."""
+        m = self.materials
+        bodies = self.geometry.electrode_thickness > 0
+        return {"film": m.film} | ({"electrode": m.electrode} if bodies and m.electrode else {})
+
     @model_validator(mode="after")
     def _consistent(self) -> Config:
         if self.geometry.electrode_thickness > 0 and self.materials.electrode is None:
@@ -257,11 +265,11 @@ class Config(Section):
         self._air_above_stroke()
         if self.tables is not None and self.physics.coupling != "energy":
             raise ValueAt(("physics", "coupling"), "tables come from one potential: energy only")
-        for region in ("film", "electrode") if self.tables is not None else ():
-            if getattr(getattr(self.materials, region), "branches", ()):
+        for region, law in self.solids.items() if self.tables is not None else ():
+            if law.branches:
                 where = f"materials.{region} has branches"
                 raise ValueAt(("tables",), f"{where}: its force depends on time, which tables lack")
-        check_branches(self.program, self.physics.coupling, self.materials)
+        check_branches(self.program, self.physics.coupling, self.solids)
         check_second_films(self)
         return self
 
@@ -271,12 +279,19 @@ class Config(Section):
         if g.air_height == 0:
             return
         below = g.clamps.height if g.clamps else g.half_thickness
+        given: list[tuple[str, tuple[float, ...]]] = []
         for stage in self.program:
             values = (stage.mount and stage.mount.displacement) or ()
-            stroke = max((abs(v) for v in values), default=0.0)
+            if stage.follow is not None and stage.follow.pair[1] == "displacement":
+                values = (stage.follow.until.displacement or 0.0,)
+            given.append((f"in stage {stage.stage!r}", values))
+        if self.tables is not None:
+            given.append(("in tables", self.tables.displacement))
+        for where, values in given:
+            stroke = max(map(abs, values), default=0.0)
             if stroke >= 0.9 * (g.air_height - below):
                 raise ValueAt(
                     ("geometry", "air_height"),
                     f"{g.air_height:g} mm of air are too low for the displacement of "
-                    f"{stroke:g} mm in stage {stage.stage!r}; twice the stroke works well",
+                    f"{stroke:g} mm {where}; twice the stroke works well",
                 )

@@ -110,7 +110,7 @@ _RESISTANCE: _Need = (
 )
 _BRANCHES: _Need = (
     "Maxwell branches, such as materials.film.branches",
-    lambda c: any(law.branches for law in _solids(c)),
+    lambda c: any(law.branches for law in c.solids.values()),
 )
 _FOLLOW: _Need = ("a stage with follow", lambda c: any(s.follow is not None for s in c.program))
 
@@ -130,12 +130,6 @@ _NEEDS = {
     "limit_point": _FOLLOW,
     "bifurcation": _FOLLOW,
 }
-
-
-def _solids(config: Any) -> list[Any]:
-    """The materials that are in the device."""
-    bodies = config.geometry.electrode_thickness > 0
-    return [config.materials.film, *([config.materials.electrode] if bodies else [])]
 
 
 def check_conditions(config: Any) -> None:

@@ -16,7 +16,8 @@ from dealib.geometry import names
 from dealib.results import local
 from dealib.results.electrodes import Rings
 from dealib.results.elements import Array
-from dealib.results.margins import Columns, Film, face
+from dealib.results.margins import Film
+from dealib.results.thickness import Columns, edges
 
 
 @dataclass(frozen=True)
@@ -45,10 +46,10 @@ class FilmPoints:
         comm = device.mesh.comm
         cells = device.owned(device.cells(names.FILM))
         corners = layout.corners[cells]
-        every = np.concatenate(comm.allgather(corners))
-        edges = face(every, float(every[..., 1].max()))
         points = local.Points.of(layout.cell, corners, layout.cell.gauss)
-        columns = Columns.of(edges, corners, points.position)
+        position = points.position
+        every = (np.concatenate(comm.allgather(part)) for part in (corners, position))
+        columns = Columns.of(edges(*every), corners, position)
         return cls(Film.of(config), layout, cells, points, columns, comm)
 
     def nodal(self) -> Array:

@@ -65,7 +65,7 @@ def thickness_stretch_min(s: Snapshot) -> float:
 
 def tension_min_MPa(s: Snapshot) -> float:
     """Smallest in-plane principal true stress of the film, averaged through its thickness."""
-    return float(np.nanmin(s.tensions))
+    return float(s.tensions.min())
 
 
 def breakdown_use(s: Snapshot) -> float | None:
@@ -79,7 +79,7 @@ def breakdown_use(s: Snapshot) -> float | None:
 def wrinkling_use(s: Snapshot) -> float:
     """Share of the mounted tension that is lost (see `Film.wrinkling`)."""
     used = s.points.film.wrinkling(s.tensions)
-    k = int(np.nanargmax(used))
+    k = int(used.argmax())
     s.peaks["wrinkling_use"] = Peak(float(used[k]), float(s.points.columns.radii[k]), 0.0)
     return float(used[k])
 

@@ -177,9 +177,7 @@ class Law(BaseModel):
             raise ValueAt((double[0],), "give either youngs_modulus or the law's own parameters")
         try:
             modulus = parse(data["youngs_modulus"], "stress")
-            if modulus <= 0:
-                raise ValueError
-            ruled = cls.from_youngs_modulus(modulus, data)
+            ruled = cls.from_youngs_modulus(modulus if modulus > 0 else 1.0, data)
         except (ValueError, TypeError, ZeroDivisionError):
             # the field itself reports what is wrong with it
             ruled = cls.from_youngs_modulus(1.0, cls.example())

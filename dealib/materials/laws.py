@@ -217,10 +217,10 @@ class Ogden(Law):
 
     @model_validator(mode="after")
     def _stiff_at_rest(self) -> Ogden:
-        if len(self.mu) != len(self.alpha):
-            raise ValueAt(("alpha",), f"{len(self.alpha)} exponents for {len(self.mu)} moduli mu")
         if 0 in self.alpha:
             raise ValueAt(("alpha",), "an exponent must not be 0")
+        if len(self.mu) != len(self.alpha):
+            raise ValueAt(("alpha",), f"{len(self.alpha)} exponents for {len(self.mu)} moduli mu")
         if sum(m * a for m, a in zip(self.mu, self.alpha, strict=True)) <= 0:
             raise ValueAt(
                 ("mu",), "the sum of mu_i alpha_i must be positive: it is twice the shear modulus"

@@ -12,7 +12,7 @@ from matplotlib.tri import Triangulation
 
 from dealib.errors import ConfigError
 from dealib.geometry import names
-from dealib.results.elements import Array, Cell
+from dealib.results.elements import Array, Cell, face
 from dealib.results.mesh import ResultMesh
 from dealib.results.reader import Run
 from dealib.results.summary import stored_note, under_voltage
@@ -209,9 +209,12 @@ class Shape:
 
     def face(self, name: str) -> tuple[Ints, Array]:
         """The film's own nodes on one of its faces, outwards, and their radii."""
-        half = self.geometry.film_thickness / 2 * (1 if name == names.FILM_TOP else -1)
-        nodes = np.unique(self.mesh.cells[self.mesh.in_region(names.FILM)])
-        nodes = nodes[np.abs(self.mesh.points[nodes, 1] - half) < 1e-6 * abs(half)]
+        cells, cell = self.mesh.in_region(names.FILM), self.mesh.cell
+        on, n = face(self.mesh.corners[cells], 1 if name == names.FILM_TOP else -1), cell.corners
+        own = self.mesh.cells[cells]
+        found = [own[:, :n], np.roll(own[:, :n], -1, axis=1)]
+        found += [own[:, n : 2 * n]] if cell.order == 2 else []
+        nodes = np.unique([part[on] for part in found])
         nodes = nodes[np.argsort(self.mesh.points[nodes, 0])]
         return nodes, self.mesh.points[nodes, 0]
 

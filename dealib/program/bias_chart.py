@@ -46,7 +46,7 @@ def chart(
         points: Solved points of each curve.
 
     Raises:
-        ConfigError: If there is no bias, or no voltage.
+        ConfigError: If there is no bias, no voltage, or no reach to be guessed.
         NotConverged: If the film cannot be moved so far.
     """
     given = _bias(case)
@@ -114,6 +114,11 @@ def _reach(case: Case, bias: PortLaw, volts: float) -> tuple[float, float]:
             last = state.row["displacement_mm"]
         ends.append(1.4 * last)
     span = max(ends) - min(ends)
+    if span == 0:
+        raise ConfigError(
+            f"{case.path}: the bias leaves the mount at 0 mm; give the displacements of the chart "
+            "with --reach, such as '-4 mm, 0 mm'"
+        )
     # a film that is far beyond flat on the other side says nothing
     return max(min(ends), -span), min(max(ends), 0.1 * span) if min(ends) < 0 else max(ends)
 

@@ -108,9 +108,10 @@ def mount_drives(
         given: The stage's input.
         displacement: Of the mount when the stage starts, mm.
         force: On it then, N.
-        before: What drove it before.
+        before: What drove it before, held.
         sample: Measures a second film.
     """
+    force = _prescribed(before, force)
     if given.displacement is not None:
         return (plain_drive("displacement", _from(displacement, given.displacement)),)
     if given.force is not None:
@@ -118,9 +119,11 @@ def mount_drives(
     if given.mass is not None:
         return (Drive("mount.mass (as force)", "N", "load", _from(force, _weights(given.mass))),)
     if given.spring is not None:
-        k = given.spring.stiffness
-        knots = _from(displacement + force / k, given.spring.anchor)
-        return (Drive("mount.spring.anchor", "mm", "device", knots, element=given.spring),)
+        anchor = displacement + force / given.spring.stiffness
+        new = Drive("mount.spring.anchor", "mm", "device", (), element=given.spring)
+        if before and _same(before[0], new):
+            anchor = before[0].knots[-1]
+        return (replace(new, knots=_from(anchor, given.spring.anchor)),)
     assert given.bias is not None
     drives = tuple(_bias(i, part, before, sample) for i, part in enumerate(given.bias))
     # what holds the mount when the stage starts lets go of it over the stage
@@ -150,9 +153,14 @@ def _bias(
             knots, label = given.anchor, f"mount.bias.{index}.film (its frame)"
             given = sample(given)
         new = Drive(label, "mm", "device", knots, element=given)
-    old = before[index] if index < len(before) else None
-    same = old is not None and (old.label, _fixed(old.element)) == (new.label, _fixed(new.element))
-    return replace(new, knots=_from(old.knots[-1] if same and old else new.knots[0], new.knots))
+    same = index < len(before) and _same(before[index], new)
+    start = before[index].knots[-1] if same else new.knots[0]
+    return replace(new, knots=_from(start, new.knots))
+
+
+def _same(old: Drive, new: Drive) -> bool:
+    """Whether a drive goes on moving what another one has moved."""
+    return (old.label, _fixed(old.element)) == (new.label, _fixed(new.element))
 
 
 def _fixed(element: Element | None) -> Any:
@@ -164,12 +172,27 @@ def _weights(masses: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(-m * GRAVITY for m in masses)
 
 
-def terminal_drives(given: TerminalInput, voltage: float, charge: float) -> Drives:
-    """The terminal's drives in a stage that starts at a voltage (kV) and a charge (uC)."""
+def _prescribed(before: Drives, measured: float) -> float:
+    """The dual at which a stage starts: what was prescribed, which is met to a tolerance only."""
+    loads = bool(before) and all(d.kind == "load" for d in before)
+    return sum(d.knots[-1] for d in before) if loads else measured
+
+
+def terminal_drives(
+    given: TerminalInput, voltage: float, charge: float, before: Drives = ()
+) -> Drives:
+    """The terminal's drives in a stage.
+
+    Args:
+        given: The stage's input.
+        voltage: When the stage starts, kV.
+        charge: Then, uC.
+        before: What drove it before, held.
+    """
     if given.voltage is not None:
         return (plain_drive("voltage", _from(voltage, given.voltage)),)
     assert given.charge is not None
-    return (plain_drive("charge", _from(charge, given.charge)),)
+    return (plain_drive("charge", _from(_prescribed(before, charge), given.charge)),)
 
 
 def _from(start: float, knots: tuple[float, ...]) -> tuple[float, ...]:

@@ -137,9 +137,8 @@ class Simulation:
             sample = partial(second_film, self.case.config, self.comm)
             p.drives["mount"] = mount_drives(stage.mount, *start, p.drives["mount"], sample)
         if stage.terminal is not None:
-            p.drives["terminal"] = terminal_drives(
-                stage.terminal, p.row["voltage_kV"], p.row["charge_uC"]
-            )
+            start = p.row["voltage_kV"], p.row["charge_uC"]
+            p.drives["terminal"] = terminal_drives(stage.terminal, *start, p.drives["terminal"])
         p.stage, p.stage_start, p.place, p.branch = index, p.time, Place(), None
         p.over = False
 

@@ -95,6 +95,7 @@ def follow(of: Simulation, stage: Stage) -> Iterator[State]:
         for found in branch.run():
             at, before = p.stage_start + p.branch.length * stage.duration, p.row
             p.drives[pair.port] = (plain_drive(vary, (p.branch.point[0],) * 2),)
+            of.newton.system.ports[pair.port] = law(p.drives[pair.port], 1.0)  # as it is measured
             full = p.branch.count >= (given.states or 10 * stage.steps)
             state = _state(of, stage, at, full, found.modes, found.kind)
             p.branch.done |= p.over or _passed(before, state.row, until)

@@ -107,7 +107,7 @@ def headline(run: Run) -> list[tuple[str, str]]:
             found.append((f"{_number(a.stroke)} mm", f"stroke in “{a.stage}”"))
         if a.force_change is not None:
             found.append((f"{_number(a.force_change)} N", f"force change in “{a.stage}”"))
-    for point in critical_points(h, run.config):
+    for point in critical_points(run):
         found.append((f"{_number(point.value)} {point.unit}", f"{point.name} in “{point.stage}”"))
     c = h["capacitance_pF"]
     found.append((f"{c.min():.4g}–{c.max():.4g} pF", "capacitance"))

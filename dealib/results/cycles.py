@@ -92,10 +92,12 @@ def cycles(run: Run) -> list[Cycle]:
         for k, row in enumerate(ends):
             before = open_since[-1][0]
             name = f"{title} {k + 1}" if stage.cycles > 1 else title
-            returns = bool(driven) and _same(h, before, row, driven)
+            passed = slice(before, row + 1)
+            back = bool(driven) and _same(h, before, row, driven)
+            returns = back and not _same(h, before, passed, driven)
             starts = [before] if returns else [r for r, _ in open_since]
             start = next((r for r in starts if returns or _same(h, r, row, _PORTS)), None)
-            still = _same(h, before, slice(before, row + 1), _PORTS)
+            still = _same(h, before, passed, _PORTS)
             if start is not None and not still:
                 names = [n for r, n in open_since if r > start and n] + [name]
                 found.append(_cycle(h, " - ".join(names), start, row))

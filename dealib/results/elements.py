@@ -128,3 +128,24 @@ def gradients(cell: Cell, corners: Array, points: Array) -> tuple[Array, Array]:
     jacobian = np.swapaxes(corners, 1, 2)[:, None] @ dN  # dX_i / dx_j
     _, reference = cell.shape(points)
     return position, reference @ inverse(jacobian)
+
+
+def face(corners: Array, side: int) -> npt.NDArray[np.bool_]:
+    """Which sides of cells are on the upper face of the body that they make up, or on its lower.
+
+    Args:
+        corners: Of all cells of the body, (cells, corners, 2).
+        side: 1 for the upper face, -1 for the lower one.
+
+    Returns:
+        For the sides from each corner to the next, (cells, corners).
+    """
+    ends = np.roll(corners, -1, axis=1)
+    middle, along = (corners + ends) / 2, ends - corners
+    out = middle - corners.mean(axis=1, keepdims=True)
+    turn = np.sign(out[..., 1] * along[..., 0] - out[..., 0] * along[..., 1])
+    _, index, cells = np.unique(
+        middle.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True
+    )
+    free = (cells[index.ravel()] == 1).reshape(turn.shape)  # of one cell only
+    return np.asarray(free & (side * turn * along[..., 0] > np.abs(along[..., 1])))

@@ -6,11 +6,9 @@ branches add to the tension; stability is judged by the law alone, since branche
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from dealib.config.schema import Config
 from dealib.materials.branches import Branch
@@ -21,6 +19,7 @@ from dealib.materials.response import curvature, softens, stiffness
 from dealib.results import local
 from dealib.results.elements import Array
 from dealib.results.mesh import ResultMesh
+from dealib.results.thickness import Columns, edges
 
 
 @dataclass(frozen=True)
@@ -189,74 +188,6 @@ def principal_stretch(F: Array) -> Array:
     return np.maximum(meridional_stretch(F), F[..., 2, 2])
 
 
-# --- columns through the thickness ---------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Columns:
-    """Points of film cells, in columns through the thickness.
-
-    Attributes:
-        edges: Radii that bound the columns, (columns + 1,), mm.
-        column: Column of each point, (cells, points).
-        area: Meridian area of each point in the mesh, (cells, points), mm^2.
-    """
-
-    edges: Array
-    column: npt.NDArray[np.int64]
-    area: Array
-
-    @classmethod
-    def of(cls, edges: Array, corners: Array, position: Array) -> Columns:
-        """Sort points into columns.
-
-        Args:
-            edges: Radii that bound the columns (see `face`), ascending.
-            corners: Corners of the cells (cells, corners, 2).
-            position: The points (cells, points, 2).
-        """
-        column = np.searchsorted(edges, position[..., 0]) - 1
-        x, y = corners[..., 0], corners[..., 1]
-        area = np.abs((x * np.roll(y, -1, axis=1) - np.roll(x, -1, axis=1) * y).sum(axis=1)) / 2
-        return cls(
-            edges,
-            np.clip(column, 0, len(edges) - 2),
-            np.broadcast_to(area[:, None] / position.shape[1], position.shape[:2]),
-        )
-
-    @property
-    def radii(self) -> Array:
-        """Middle of each column, (columns,), mm."""
-        return np.asarray((self.edges[1:] + self.edges[:-1]) / 2)
-
-    def average(
-        self, values: Array, k: local.Kinematics, total: Callable[[Array], Array] = np.asarray
-    ) -> Array:
-        """Averages over the deformed thickness.
-
-        Args:
-            values: Values at the points, (cells, points, components).
-            k: Deformation.
-            total: Adds up what each rank has.
-
-        Returns:
-            Shape (columns, components).
-        """
-        weights = self.area * k.J / k.F[..., 2, 2]
-        parts = [weights, *np.moveaxis(values * weights[..., None], -1, 0)]
-        count, column = len(self.radii), self.column.ravel()
-        mine = np.stack([np.bincount(column, p.ravel(), minlength=count) for p in parts])
-        sums = total(mine.astype(float))  # without points they are integers
-        with np.errstate(invalid="ignore"):  # columns without points
-            return np.asarray((sums[1:] / sums[0]).T)
-
-
-def face(corners: Array, top: float) -> Array:
-    """Radii of the corners at a height, ascending."""
-    found = np.sort(corners[np.abs(corners[..., 1] - top) < 1e-6 * abs(top)][:, 0])
-    return np.asarray(found[np.diff(found, prepend=-1.0) > 1e-9 * found.max(initial=1.0)])
-
-
 # --- fields --------------------------------------------------------------------------------------
 
 
@@ -284,8 +215,8 @@ def fields(
     else:
         internal = None
     tensions = film.tensions(k, pressure, internal)
-    edges = face(mesh.corners[cells], float(mesh.corners[cells][..., 1].max()))
-    columns = Columns.of(edges, mesh.corners[cells], points.position)
+    corners = mesh.corners[cells]
+    columns = Columns.of(edges(corners, points.position), corners, points.position)
     wrinkling = film.wrinkling(columns.average(tensions, k))
     found = {
         "tension": tensions.min(axis=-1),

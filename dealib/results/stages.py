@@ -62,11 +62,17 @@ def titles(program: Sequence[Stage]) -> list[str]:
 
 
 def mount_drives(program: Sequence[Stage]) -> list[str]:
-    """What drives the mount in each stage: 'displacement', 'force', ...; 'path' if followed."""
+    """What drives the mount in each stage: 'displacement', 'force', ...; 'path' if followed.
+
+    After a path what was set free stays where it is.
+    """
     found, now = [], "displacement"
     for stage in program:
         if stage.mount is not None:
             now = stage.mount.given[0]
-        followed = stage.follow is not None and stage.follow.vary in ("displacement", "force")
-        found.append("path" if followed else now)
+        if stage.follow is not None and stage.follow.vary in ("displacement", "force"):
+            found.append("path")
+            now = stage.follow.vary
+        else:
+            found.append(now)
     return found

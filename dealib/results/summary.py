@@ -12,7 +12,6 @@ from dealib.results import stages
 if TYPE_CHECKING:
     import pandas
 
-    from dealib.config.schema import Config
     from dealib.results.reader import Run
 
 
@@ -104,12 +103,13 @@ class CriticalPoint:
         return f"{self.value:.7g} {self.unit} at {self.displacement:.6g} mm{change}"
 
 
-def critical_points(history: pandas.DataFrame, config: Config) -> list[CriticalPoint]:
+def critical_points(run: Run) -> list[CriticalPoint]:
     """Limit points and bifurcations of the stages that follow a branch, in order."""
+    history, program = run.history, run.config.program
     if "limit_point" not in history:
         return []
-    program = config.program
-    number, titles = stages.numbers(history, program), stages.titles(program)
+    number = stages.numbers(history, program, run.info.get("stops", ()))
+    titles = stages.titles(program)
     columns = {c.split("_")[0]: c for c in history.columns}
     found = []
     for k in history.index[(history["limit_point"] + history["bifurcation"]) > 0]:
@@ -121,7 +121,8 @@ def critical_points(history: pandas.DataFrame, config: Config) -> list[CriticalP
         modes = history["unstable_modes"]
         limit = bool(row["limit_point"])
         before = int(modes[k] if limit else modes[k - 1])
-        after = (int(modes[k + 1]) if k + 1 in modes else None) if limit else int(modes[k])
+        goes_on = k + 1 in modes and number[k + 1] == stage
+        after = (int(modes[k + 1]) if goes_on else None) if limit else int(modes[k])
         found.append(
             CriticalPoint(
                 titles[stage],

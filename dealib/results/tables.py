@@ -182,7 +182,7 @@ def load(path: str | Path) -> Tables:
         raise ConfigError(f"{path}: no tables here; dealib export CONFIG makes them")
     try:
         return Tables(**_read(file))
-    except (KeyError, OSError, ValueError) as error:
+    except Exception as error:  # the readers raise theirs as they come
         raise ConfigError(f"{file}: no tables of dealib ({error})") from None
 
 
@@ -198,7 +198,7 @@ def _read(file: Path) -> dict[str, Array]:
 
         found = loadmat(str(file))
         return {name: found[name].ravel() if name in AXES else found[name] for name in names}
-    rows: Any = np.genfromtxt(file, delimiter=",", names=True)
+    rows: Any = np.sort(np.genfromtxt(file, delimiter=",", names=True), order=AXES)
     u, v = (np.unique(rows[axis]) for axis in AXES)
     shape = (len(u), len(v))
     return dict(zip(AXES, (u, v), strict=True)) | {c: rows[c].reshape(shape) for c in COLUMNS}
