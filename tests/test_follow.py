@@ -335,6 +335,8 @@ def test_the_report_tells_what_is_followed(run):
     *_, row = facts.program(run.config)
     assert row["mount"] == "unchanged"
     assert row["terminal"] == "voltage followed until displacement −2.9 mm"
+    count = dict(facts.solution(run))["Steps"]
+    assert count == f"{len(run.history) - 1}; a branch takes as many as it turns out to need"
 
 
 def test_limit_points_of_stages_of_one_name(run):

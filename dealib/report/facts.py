@@ -193,14 +193,15 @@ def share(run: Run) -> float:
 def solution(run: Run) -> Rows:
     """Unknowns, iterations and increments cut."""
     h, info = run.history, run.info
-    planned = sum(s.steps * s.cycles for s in run.config.program if s.stage != "prestrain")
-    taken = len(h) - 1
+    program, taken = run.config.program, len(h) - 1
+    planned = sum(s.steps * s.cycles for s in program if s.stage != "prestrain")
     iterations = h["newton_iterations"][1:]
     found = [("Unknowns", f"{info['unknowns']:,}".replace(",", " "))] if "unknowns" in info else []
-    found += [
-        ("Steps", f"{taken} of {planned} planned"),
-        ("Further steps: increments cut, corners of inputs", str(_further(run))),
-    ]
+    if any(s.follow is not None for s in program):
+        found.append(("Steps", f"{taken}; a branch takes as many as it turns out to need"))
+    else:
+        found.append(("Steps", f"{taken} of {planned} planned"))
+        found.append(("Further steps: increments cut, corners of inputs", str(_further(run))))
     if taken:
         found.append(
             (
