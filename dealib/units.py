@@ -29,6 +29,7 @@ DIMENSIONS = {
     "stiffness": ("N/mm", "0.1 N/mm"),
     "voltage": ("kV", "2.5 kV"),
     "charge": ("uC", "0.5 uC"),
+    "volume": ("mm^3", "5 ml"),
     "electric field": ("kV/mm", "80 V/um"),
     "resistance": ("Gohm", "10 kohm"),
 }
@@ -43,6 +44,7 @@ USUAL = {
     "N/mm": {"N/mm": 1.0, "N/m": 1e-3},
     "kV": {"kV": 1.0, "V": 1e-3},
     "uC": {"mC": 1e3, "uC": 1.0, "nC": 1e-3},
+    "mm^3": {"l": 1e6, "cm^3": 1e3, "cm3": 1e3, "ml": 1e3, "mm^3": 1.0, "mm3": 1.0, "ul": 1.0},
     "Gohm": {"Gohm": 1.0, "Mohm": 1e-3, "kohm": 1e-6, "ohm": 1e-9},
     "kV/mm": {"kV/mm": 1.0, "V/um": 1.0, "MV/m": 1.0},
 }
@@ -189,11 +191,14 @@ if TYPE_CHECKING:
     Stiffness: TypeAlias = float
     Voltage: TypeAlias = float
     Charge: TypeAlias = float
+    Volume: TypeAlias = float
     ElectricField: TypeAlias = float
     Resistance: TypeAlias = float
 else:
     Length, Time, Force, Mass, Stress = map(
         _quantity, ("length", "time", "force", "mass", "stress")
     )
-    Stiffness, Voltage, Charge = map(_quantity, ("stiffness", "voltage", "charge"))
+    Stiffness, Voltage, Charge, Volume = map(
+        _quantity, ("stiffness", "voltage", "charge", "volume")
+    )
     ElectricField, Resistance = map(_quantity, ("electric field", "resistance"))

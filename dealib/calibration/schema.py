@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 from dealib.config import Case, load
 from dealib.config.messages import validate
 from dealib.config.schema import Name
-from dealib.config.section import Section
+from dealib.section import Section
 from dealib.config.source import Source
 from dealib.errors import ConfigError, ValueAt
 from dealib.units import convert, split

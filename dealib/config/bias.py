@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeAlias
 from pydantic import AfterValidator, Field, TypeAdapter, ValidationError, model_validator
 
 from dealib.config.messages import in_file, problem
-from dealib.config.section import OneOf, Section
+from dealib.section import OneOf, Section
 from dealib.errors import ValueAt
 from dealib.materials.laws import LAWS
 from dealib.units import Force, Length, Mass, Stiffness, list_of
@@ -175,7 +175,6 @@ class BiasElement(OneOf):
 
 
 Element: TypeAlias = Spring | Bistable | Table | Sampled
-ELEMENT: TypeAdapter[Element] = TypeAdapter(Element)
 
 
 def second_device(config: Any, film: SecondFilm) -> Any:
@@ -192,7 +191,7 @@ def second_device(config: Any, film: SecondFilm) -> Any:
         {"stage": "push", "mount": {"displacement": f"{-far!r} mm"}, "steps": 24},
     ]
     tree.pop("stop_when", None)
-    if config.mesh.file is None:
+    if config.mesh.file is None and "air_height" in tree["geometry"]:
         tree["geometry"]["air_height"] = "0 mm"
         tree["geometry"].pop("clamps", None)
     for region, material in tree["materials"].items():
@@ -240,11 +239,12 @@ def _make_way(material: dict[str, Any], changes: dict[str, Any]) -> None:
 def check_second_films(config: Any) -> None:
     """Raise `ValueAt` if a second film of the program cannot be made."""
     for i, stage in enumerate(config.program):
-        for k, element in enumerate((stage.mount and stage.mount.bias) or ()):
-            if element.film is None:
-                continue
-            try:
-                second_device(config, element.film)
-            except ValueAt as error:
-                where = ("program", i, "mount", "bias", k, "film", *error.where)
-                raise ValueAt(where, str(error)) from None
+        for path, _, _, given in stage.inputs:
+            for k, element in enumerate(getattr(given, "bias", None) or ()):
+                if element.film is None:
+                    continue
+                try:
+                    second_device(config, element.film)
+                except ValueAt as error:
+                    where = ("program", i, *path, "bias", k, "film", *error.where)
+                    raise ValueAt(where, str(error)) from None

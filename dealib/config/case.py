@@ -14,7 +14,8 @@ from ruamel.yaml import YAML
 from dealib.config.messages import validate
 from dealib.config.schema import Config
 from dealib.config.source import Source
-from dealib.errors import ConfigError
+from dealib.device.shapes import MeshShape
+from dealib.errors import ConfigError, ValueAt
 
 
 @dataclass(frozen=True)
@@ -52,16 +53,29 @@ def load(path: str | Path, set: Mapping[str, Any] | Iterable[str] | None = None)
         source.override(assignment)
     config = validate(Config, source)
     if config.mesh.file is not None:
-        given = Path(config.mesh.file).expanduser()
-        mesh = source.path.parent / given
-        found = mesh if mesh.exists() else given
-        if not found.exists():
-            problem = f"there is no file {config.mesh.file!r} (looked in . and {mesh.parent})"
-            raise ConfigError(source.message(("mesh", "file"), problem))
-        config = config.model_copy(
-            update={"mesh": config.mesh.model_copy(update={"file": str(found)})}
-        )
+        mesh = config.mesh.model_copy(update={"file": _found(source, ("mesh", "file"), config.mesh.file)})
+        config = config.model_copy(update={"mesh": mesh})
+    if isinstance(config.geometry, MeshShape):
+        where = ("geometry", "file")
+        file = _found(source, where, config.geometry.file)
+        geometry = config.geometry.model_copy(update={"file": file})
+        config = config.model_copy(update={"geometry": geometry})
+        try:
+            config.check_device()
+        except ValueAt as error:
+            raise ConfigError(source.message(error.where, str(error))) from None
     return Case(config, source.text, source.path, tuple(pairs))
+
+
+def _found(source: Source, where: tuple[str, str], given: str) -> str:
+    """A file that a config names, beside it or from here."""
+    path = Path(given).expanduser()
+    beside = source.path.parent / path
+    found = beside if beside.exists() else path
+    if not found.exists():
+        problem = f"there is no file {given!r} (looked in . and {beside.parent})"
+        raise ConfigError(source.message(where, problem))
+    return str(found)
 
 
 def _yaml(value: Any) -> str:

@@ -2,40 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any, Literal, TypeAlias
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, model_validator
 
-from dealib.config.section import Section
-from dealib.errors import ValueAt
-from dealib.units import Charge, Force, Length, Voltage
+from dealib.device.device import Device
+from dealib.device.records import KIND_OF
+from dealib.errors import ValueAt, did_you_mean
+from dealib.section import Section
+from dealib.units import parse, write
 
-Variable: TypeAlias = Literal["displacement", "force", "voltage", "charge"]
-PORT_OF: dict[str, str] = {
-    "displacement": "mount",
-    "force": "mount",
-    "voltage": "terminal",
-    "charge": "terminal",
-}
-PARTNER: dict[str, Variable] = {
-    "displacement": "force",
-    "force": "displacement",
-    "voltage": "charge",
-    "charge": "voltage",
-}
+_VARIABLES = {v.name: v for kind in KIND_OF.values() for v in kind.variables}
 
 
-class Until(Section):
-    """Where to stop: at the first of these that is reached.
+def _variable(name: str) -> str:
+    if name.partition(".")[0] not in _VARIABLES:
+        hint = did_you_mean(name, _VARIABLES)
+        raise ValueError(f"{name!r} is no variable of a port{hint}")
+    return name
 
-    The end of `along` is met exactly; of the others, the first state beyond is the last one.
-    """
 
-    displacement: Length | None = Field(None, description="of the mount")
-    force: Force | None = Field(None, description="on the mount")
-    voltage: Voltage | None = Field(None, description="of the terminal")
-    charge: Charge | None = Field(None, description="on the terminal")
+def _limits(given: object) -> object:
+    if not isinstance(given, Mapping):
+        raise ValueError("expected a mapping, such as {displacement: -3 mm}")
+    found = {}
+    for name, value in given.items():
+        try:
+            found[name] = parse(value, _VARIABLES[_variable(str(name)).partition(".")[0]].dimension)
+        except ValueError as error:
+            raise ValueAt((name,), str(error)) from None
+    return found
+
+
+def _written(limits: dict[str, float]) -> dict[str, str]:
+    dimension = {n: _VARIABLES[n.partition(".")[0]].dimension for n in limits}
+    return {n: write(value, dimension[n]) for n, value in limits.items()}
+
+
+Name = Annotated[str, AfterValidator(_variable)]
+if TYPE_CHECKING:
+    Limits: TypeAlias = dict[str, float]
+else:
+    Limits = Annotated[
+        dict[str, float],
+        BeforeValidator(_limits, json_schema_input_type=dict[str, str]),
+        PlainSerializer(_written, return_type=dict[str, str]),
+    ]
+
+
+def partner(name: str) -> str:
+    """The other variable of the same port."""
+    stem, dot, port = name.partition(".")
+    one, other = (v.name for v in KIND_OF[stem].variables)
+    return (other if stem == one else one) + dot + port
 
 
 class Follow(Section):
@@ -46,67 +66,85 @@ class Follow(Section):
     counts the path, `duration` over a length as that straight one.
     """
 
-    vary: Variable = Field(description="what is set free; limit points are those of it")
-    along: Variable | None = Field(
+    vary: Name = Field(
+        description="what is set free, such as voltage, or voltage.NAME where there are several "
+        "terminals; limit points are those of it"
+    )
+    along: Name | None = Field(
         None,
         description="what else measures the path; default the partner at the same port: charge of "
-        "voltage, displacement of force, and the reverse",
+        "voltage, displacement of force, volume of pressure, and the reverse",
     )
-    until: Until = Field(description="where to stop; `along` needs its end here")
+    until: Limits = Field(
+        min_length=1,
+        description="where to stop: at the first of these that is reached, such as "
+        "{displacement: -3 mm}; `along` needs its end here and is met exactly; of the others, the "
+        "first state beyond is the last one",
+    )
     states: int | None = Field(
         None, ge=1, description="stop after so many states; default ten times `steps`"
     )
 
     @property
-    def pair(self) -> tuple[Variable, Variable]:
+    def pair(self) -> tuple[str, str]:
         """Both variables."""
-        return self.vary, self.along or PARTNER[self.vary]
+        return self.vary, self.along or partner(self.vary)
 
     @model_validator(mode="after")
     def _possible(self) -> Follow:
         vary, along = self.pair
-        allowed = [PARTNER[vary]]
-        allowed.append("displacement" if PORT_OF[vary] == "terminal" else "voltage")
-        if along not in allowed:
-            raise ValueAt(("along",), f"beside {vary} only {' or '.join(allowed)}, not {along}")
-        if getattr(self.until, along) is None:
+        if vary == along:
+            raise ValueAt(("along",), f"must be another variable than {vary}")
+        if along not in self.until:
             raise ValueAt(("until",), f"give the end of {along}, along which the steps are counted")
         return self
 
 
-def check_branches(program: Iterable[Any], coupling: str, solids: Mapping[str, Any]) -> None:
+def check_branches(config: Any) -> None:
     """Branches of equilibria need a potential, elastic materials, and two variables that are free.
 
     Raises:
         ValueAt: If a stage cannot be followed.
     """
-    prescribed = {"mount": "displacement", "terminal": "voltage"}
-    driven = dict(prescribed)
-    for i, stage in enumerate(program):
-        for port in driven:
-            given = getattr(stage, port)
-            if given is not None:
-                driven[port] = given.given[0]
+    device: Device = config.device
+    driven = {p.name: "" if p.floating else p.kind.primal.name for p in device.ports}
+    for i, stage in enumerate(config.program):
+        driven |= {port: given.given[0] for port, given in stage.driven(device).items()}
         if stage.follow is None:
             continue
-        if coupling != "energy":
+        where = ("program", i, "follow")
+        if config.physics.coupling != "energy":
             raise ValueAt(("physics", "coupling"), "branches are followed with energy only")
-        for region, law in solids.items():
+        for material, law in config.solids.items():
             if law.branches:
                 raise ValueAt(
-                    ("materials", region, "branches"),
+                    ("materials", material, "branches"),
                     "a stage with follow runs along equilibria, out of time; take these out for it",
                 )
         vary, along = stage.follow.pair
-        other = PORT_OF[along]
-        if other != PORT_OF[vary] and driven[other] == prescribed[other]:
+        names = [("vary", vary), ("along", along), *(("until", n) for n in stage.follow.until)]
+        for key, name in names:
+            if name not in device.variables:
+                known = ", ".join(device.variables)
+                raise ValueAt((*where, key), f"the device has no {name!r}; it has {known}")
+        port, other = device.variables[vary], device.variables[along]
+        stem = along.partition(".")[0]
+        if other != port and driven[other.name] in (stem, ""):
             raise ValueAt(
-                ("program", i, "follow"),
-                f"{along} is prescribed here, so no branch runs along it; load the {other}",
+                where,
+                f"{along} is prescribed here, so no branch runs along it; load the "
+                f"{other.kind.name}",
             )
-        if driven[PORT_OF[vary]] in ("spring", "bias"):
+        if other != port and stem == other.kind.dual.name:
             raise ValueAt(
-                ("program", i, "follow", "vary"),
-                f"the bias would be taken off the mount to vary its {vary}; vary the voltage",
+                (*where, "along"),
+                f"beside {vary} only the {other.kind.primal.name} of the {other.kind.name} "
+                f"measures the path, not its {stem}",
             )
-        driven[PORT_OF[vary]] = vary
+        if driven[port.name] in ("spring", "bias", "gas"):
+            raise ValueAt(
+                (*where, "vary"),
+                f"the {driven[port.name]} would be taken off the {port.kind.name} to vary its "
+                f"{vary}; vary another variable",
+            )
+        driven[port.name] = vary.partition(".")[0]

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
-from pydantic import BaseModel, BeforeValidator, Field, create_model, model_validator
+from pydantic import BaseModel, BeforeValidator, Field, create_model
 
-from dealib.config.section import Section
-from dealib.config.source import did_you_mean
-from dealib.errors import ValueAt
+from dealib.errors import ValueAt, did_you_mean
 from dealib.materials.branches import Viscoelastic
 from dealib.materials.laws import LAWS, Law, invariants_of_stretches
 from dealib.materials.permittivity import RelativePermittivity, StretchPermittivity
@@ -43,16 +41,22 @@ class Named(BaseModel):
     )
 
 
-class FilmProperties(Named):
-    """What the film has besides its law."""
+class Properties(Named):
+    """What a material has besides its law."""
 
-    relative_permittivity: RelativePermittivity = Field(
-        description="of the film; {intercept: a, slope: b} if it is a + b * stretch"
+    relative_permittivity: RelativePermittivity | None = Field(
+        None,
+        description="{intercept: a, slope: b} if it is a + b * stretch; without it the material "
+        "conducts",
     )
     prestretch: Annotated[
         tuple[Stretch, Stretch],
         BeforeValidator(_pair, json_schema_input_type=Stretch | tuple[Stretch, Stretch]),
-    ] = Field((1.0, 1.0), description="in-plane pre-stretch: equal-biaxial, or [radial, hoop]")
+    ] = Field(
+        (1.0, 1.0),
+        description="in-plane pre-stretch: equal-biaxial, or along both directions of the layer: "
+        "[radial, hoop], [axial, hoop] of a tube, [along X, along Y]",
+    )
     mounted: Literal["relaxed", "fresh"] = Field(
         "relaxed",
         description="state of the branches at the start; relaxed: stretched long ago; fresh: just "
@@ -61,11 +65,17 @@ class FilmProperties(Named):
 
     @property
     def permittivity(self) -> StretchPermittivity:
-        """Relative permittivity as a function of stretch."""
+        """Relative permittivity as a function of stretch, of a dielectric."""
         given = self.relative_permittivity
         if isinstance(given, StretchPermittivity):
             return given
+        assert given is not None
         return StretchPermittivity(intercept=given, slope=0.0)
+
+    @property
+    def conducts(self) -> bool:
+        """Whether it is a conductor."""
+        return self.relative_permittivity is None
 
 
 def _complete(given: object, only: tuple[str, ...]) -> object:
@@ -99,18 +109,12 @@ def _choice(bases: tuple[type[BaseModel], ...], suffix: str) -> Any:
 
 if TYPE_CHECKING:
 
-    class FilmMaterial(Law, Viscoelastic, FilmProperties):
-        """A law and the film's properties."""
-
-        law: str
-
-    class ElectrodeMaterial(Law, Named, Viscoelastic):
-        """A law."""
+    class Material(Law, Viscoelastic, Properties):
+        """A law and further properties."""
 
         law: str
 else:
-    FilmMaterial = _choice((Viscoelastic, FilmProperties), "Film")
-    ElectrodeMaterial = _choice((Named, Viscoelastic), "Electrode")
+    Material = _choice((Viscoelastic, Properties), "Material")
 
 
 def _or_named(node: dict[str, Any]) -> None:
@@ -135,48 +139,37 @@ def _moduli(material: Law) -> Iterator[tuple[tuple[str | int, ...], str, float]]
         yield ("branches", i, "shear_modulus"), "shear", branch.shear_modulus
 
 
-class Materials(Section):
-    """Materials by region."""
+if TYPE_CHECKING:
+    Materials: TypeAlias = dict[str, Material]
+else:
+    Materials = dict[str, Annotated[Material, Field(json_schema_extra=_or_named)]]
 
-    film: FilmMaterial = Field(
-        description="law and dielectric properties of the film", json_schema_extra=_or_named
-    )
-    electrode: ElectrodeMaterial | None = Field(
-        None,
-        description="of both electrodes; needed if electrode_thickness is above zero",
-        json_schema_extra=_or_named,
-    )
 
-    @model_validator(mode="after")
-    def _plausible(self) -> Materials:
-        for region in ("film", "electrode"):
-            material = getattr(self, region)
-            for where, name, modulus in () if material is None else _moduli(material):
-                if not _SOFTEST <= modulus <= _HARDEST:
-                    raise ValueAt(
-                        (region, *where),
-                        f"a {name} modulus of {modulus:.4g} MPa is none of a solid (10 Pa to "
-                        "10 TPa); check the unit: MPa is mega, mPa is milli",
-                    )
-        return self
-
-    @model_validator(mode="after")
-    def _possible(self) -> Materials:
-        radial, hoop = self.film.prestretch
-        mounted = invariants_of_stretches(radial, hoop, 1 / (radial * hoop))
-        if self.film.extension(mounted, self.film.values) >= 1:
-            raise ValueAt(("film", "prestretch"), f"{self.film.law} locks before this stretch")
-        if thickness_range(self.film, radial, hoop) is None:
+def check_materials(materials: Materials) -> None:
+    """Raise `ValueAt` where a material is none of a solid, or cannot bear its pre-stretch."""
+    for name, material in materials.items():
+        for where, what, modulus in _moduli(material):
+            if not _SOFTEST <= modulus <= _HARDEST:
+                raise ValueAt(
+                    ("materials", name, *where),
+                    f"a {what} modulus of {modulus:.4g} MPa is none of a solid (10 Pa to "
+                    "10 TPa); check the unit: MPa is mega, mPa is milli",
+                )
+        first, second = material.prestretch
+        mounted = invariants_of_stretches(first, second, 1 / (first * second))
+        where = ("materials", name, "prestretch")
+        if material.extension(mounted, material.values) >= 1:
+            raise ValueAt(where, f"{material.law} locks before this stretch")
+        if thickness_range(material, first, second) is None:
             raise ValueAt(
-                ("film", "prestretch"),
-                f"{self.film.law} with these parameters is not stable there: at no thickness is "
+                where,
+                f"{material.law} with these parameters is not stable there: at no thickness is "
                 "the film free of stress across",
             )
-        for stretch in (1.0, (radial * hoop) ** 0.5):
-            if (value := self.film.permittivity.at(stretch)) < 1:
+        for stretch in () if material.conducts else (1.0, (first * second) ** 0.5):
+            if (value := material.permittivity.at(stretch)) < 1:
                 raise ValueAt(
-                    ("film", "relative_permittivity"),
+                    ("materials", name, "relative_permittivity"),
                     f"must be at least 1, that of vacuum; it is {value:.4g} at the stretch "
                     f"{stretch:.4g}",
                 )
-        return self

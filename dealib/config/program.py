@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, TypeAlias
 
-from pydantic import Field, model_validator
+from pydantic import Field, TypeAdapter, model_validator
 
-from dealib.config.bias import BiasElement, Forces, Lengths, Masses, Spring
+from dealib.config.bias import BiasElement, Element, Forces, Lengths, Masses, Spring
 from dealib.config.follow import Follow
-from dealib.config.section import OneOf, Section
 from dealib.config.stop import Condition
-from dealib.errors import ValueAt
-from dealib.units import Charge, Time, Voltage, list_of
+from dealib.device.device import Device
+from dealib.device.records import KINDS, PortKind
+from dealib.errors import ValueAt, did_you_mean
+from dealib.section import OneOf, Section
+from dealib.units import Charge, Stress, Time, Voltage, Volume, list_of
 
 if TYPE_CHECKING:
     Voltages: TypeAlias = tuple[float, ...]
     Charges: TypeAlias = tuple[float, ...]
+    Pressures: TypeAlias = tuple[float, ...]
+    Volumes: TypeAlias = tuple[float, ...]
 else:
     Voltages, Charges = list_of(Voltage), list_of(Charge)
+    Pressures, Volumes = list_of(Stress), list_of(Volume)
 
 Path_: TypeAlias = tuple[str | int, ...]
 
@@ -59,17 +65,57 @@ class TerminalInput(_Port):
     charge: Charges | None = Field(None, description="prescribed")
 
 
+class Gas(Section):
+    """Gas in a closed chamber, isothermal; the state is the one at rest, and that outside."""
+
+    volume: Volume = Field(gt=0, description="of the chamber at rest")
+    pressure: Stress = Field(gt=0, description="absolute one at rest, such as 101.325 kPa")
+
+    def load(self, x: float) -> tuple[float, float]:
+        """Minus the displaced volume (mm^3) at a pressure x above that at rest, and its slope."""
+        absolute = max(self.pressure + x, 1e-6 * self.pressure)
+        scale = self.pressure * self.volume / absolute
+        return self.volume - scale, scale / absolute
+
+
+class ChamberInput(_Port):
+    """What drives a chamber, one of: a value to ramp to, or a list over the stage."""
+
+    pressure: Pressures | None = Field(None, description="above that outside")
+    volume: Volumes | None = Field(None, description="displaced since rest")
+    gas: Gas | None = Field(None, description="closed: the pressure follows the volume")
+
+    @property
+    def polylines(self) -> list[tuple[Path_, tuple[float, ...]]]:
+        """See `_Port`."""
+        return [] if self.gas is not None else super().polylines
+
+
+ELEMENT: TypeAdapter[Element | Gas] = TypeAdapter(Element | Gas)
+Input: TypeAlias = MountInput | TerminalInput | ChamberInput
+
+
 class Stage(Section):
     """One stage: what changes at the ports, over how long, in how many steps."""
 
     stage: str = Field(
-        min_length=1, description="name; `prestrain` ramps the film's pre-stretch from 1"
+        min_length=1, description="name; `prestrain` ramps the materials' pre-stretch from 1"
     )
     duration: Time = Field(1.0, gt=0, description="of one cycle")
     steps: int = Field(1, ge=1, description="equal increments a cycle; cut where Newton fails")
     cycles: int = Field(1, ge=1, description="repetitions")
     mount: MountInput | None = Field(None, description="unchanged if not given")
     terminal: TerminalInput | None = Field(None, description="unchanged if not given")
+    chamber: ChamberInput | None = Field(None, description="unchanged if not given")
+    mounts: dict[str, MountInput] | None = Field(
+        None, description="where there are several: by name"
+    )
+    terminals: dict[str, TerminalInput] | None = Field(
+        None, description="where there are several: by name"
+    )
+    chambers: dict[str, ChamberInput] | None = Field(
+        None, description="where there are several: by name"
+    )
     stop_when: tuple[Condition, ...] = Field(
         (), description="ends the stage at a state that meets one"
     )
@@ -78,15 +124,31 @@ class Stage(Section):
         None, description="follow the branch of equilibria instead, past limit points"
     )
 
+    @property
+    def inputs(self) -> list[tuple[Path_, PortKind, str | None, Input]]:
+        """Path, kind and name of each port that is driven, and by what; without a name the one."""
+        found: list[tuple[Path_, PortKind, str | None, Input]] = []
+        for kind in KINDS.values():
+            alone = getattr(self, kind.name)
+            found += [((kind.name,), kind, None, alone)] if alone is not None else []
+            many = f"{kind.name}s"
+            found += [((many, n), kind, n, given) for n, given in (getattr(self, many) or {}).items()]
+        return found
+
+    def driven(self, device: Device) -> dict[str, Input]:
+        """What drives each port that it drives, by its name."""
+        return {
+            name or device.of(kind)[0].name: given for _, kind, name, given in self.inputs
+        }
+
     @model_validator(mode="after")
     def _follows_alone(self) -> Stage:
         if self.follow is None:
             return self
-        for port in ("mount", "terminal"):
-            if getattr(self, port) is not None:
-                raise ValueAt(
-                    (port,), "a stage that follows a branch takes no input; give it a stage before"
-                )
+        for path, *_ in self.inputs:
+            raise ValueAt(
+                path, "a stage that follows a branch takes no input; give it a stage before"
+            )
         if self.cycles > 1:
             raise ValueAt(("cycles",), "a branch is followed once")
         if self.stage == "prestrain":
@@ -99,19 +161,34 @@ class Stage(Section):
         if self.cycles == 1:
             return self
         driven = [
-            (port, *found)
-            for port in ("mount", "terminal")
-            if (given := getattr(self, port)) is not None
-            for found in given.polylines
+            (path, *found) for path, _, _, given in self.inputs for found in given.polylines
         ]
         if not driven:
             raise ValueAt(("cycles",), "only an input of this stage can be repeated; it has none")
-        for port, name, values in driven:
+        for path, name, values in driven:
             if len(values) == 1:
-                where, need = (port, *name), "a list, such as [0, peak, 0] with units"
+                where, need = (*path, *name), "a list, such as [0, peak, 0] with units"
             elif values[0] != values[-1]:
-                where, need = (port, *name), "a list that ends where it begins"
+                where, need = (*path, *name), "a list that ends where it begins"
             else:
                 continue
             raise ValueAt(where, f"{self.cycles} cycles need {need}")
         return self
+
+
+def check_inputs(program: Sequence[Stage], device: Device) -> None:
+    """Raise `ValueAt` if a stage drives a port that the device lacks, or the same one twice."""
+    for i, stage in enumerate(program):
+        seen: set[str] = set()
+        for path, kind, name, _ in stage.inputs:
+            known, where = [port.name for port in device.of(kind)], ("program", i, *path)
+            if not known:
+                raise ValueAt(where, f"the device has no {kind.name}")
+            if name is None and len(known) > 1:
+                several = f"there are several: {', '.join(known)}"
+                raise ValueAt(where, f"{several}; name them under `{kind.name}s`")
+            if name is not None and name not in known:
+                raise ValueAt(where, f"there is no {kind.name} {name!r}{did_you_mean(name, known)}")
+            if (name or known[0]) in seen:
+                raise ValueAt(where, f"the {kind.name} {name or known[0]!r} is driven twice")
+            seen.add(name or known[0])

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 import os
 import re
+from functools import cached_property
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
 from dealib.config.bias import check_second_films
 from dealib.config.follow import check_branches
-from dealib.config.materials import Materials
-from dealib.config.program import Stage
-from dealib.config.section import Section
+from dealib.config.materials import Material, Materials, check_materials
+from dealib.config.program import Stage, check_inputs
 from dealib.config.stop import Condition, check_conditions
 from dealib.config.tables import Tables
+from dealib.device.assembly import Sections, device
+from dealib.device.device import Device
+from dealib.device.gmsh_file import physical_names
+from dealib.device.ports import Chamber, Hold, Mount, Terminal
+from dealib.device.shapes import AnnularStrips, Geometry, MeshShape
 from dealib.errors import ValueAt
-from dealib.materials.branches import Viscoelastic
+from dealib.section import Section
 from dealib.units import ElectricField, Length, Resistance, Stress
 
 
@@ -29,82 +35,26 @@ def _plain_name(name: str) -> str:
 Name = Annotated[str, AfterValidator(_plain_name)]
 
 
-# --- geometry and mesh ---------------------------------------------------------------------------
-
-
-class Clamps(Section):
-    """Rigid dielectric blocks around both ends of the strips; the inner one is the mount."""
-
-    width: Length = Field(gt=0, description="radial width of each block")
-    height: Length = Field(gt=0, description="height above and below the middle plane")
-    relative_permittivity: float = Field(3.0, ge=1, description="of the blocks")
-
-
-class Geometry(Section):
-    """Axisymmetric electrode - elastomer - electrode strip, as mounted, in air."""
-
-    shape: Literal["annular_strips"] = "annular_strips"
-    inner_radius: Length = Field(gt=0, description="radius of the rigid centre mount")
-    outer_radius: Length = Field(gt=0, description="inner radius of the rigid frame")
-    film_thickness: Length = Field(gt=0, description="as mounted, that is pre-stretched")
-    electrode_thickness: Length = Field(
-        ge=0, description="0 um: no electrode bodies, the film's faces are the electrodes"
-    )
-    air_height: Length = Field(
-        0.0, ge=0, description="air above and below, from the middle plane; 0 mm: no air"
-    )
-    clamps: Clamps | None = Field(None, description="rigid mount and frame blocks")
-
-    @property
-    def half_thickness(self) -> float:
-        """Half the thickness of all strips together, mm."""
-        return self.film_thickness / 2 + self.electrode_thickness
-
-    @model_validator(mode="after")
-    def _possible(self) -> Geometry:
-        if self.outer_radius <= self.inner_radius:
-            raise ValueAt(
-                ("outer_radius",),
-                f"{self.outer_radius:g} mm must exceed inner_radius ({self.inner_radius:g} mm)",
-            )
-        solid = self.half_thickness
-        if self.clamps is not None:
-            if self.clamps.width >= self.inner_radius:
-                raise ValueAt(
-                    ("clamps", "width"),
-                    f"{self.clamps.width:g} mm must be below "
-                    f"inner_radius ({self.inner_radius:g} mm)",
-                )
-            if self.clamps.height <= solid:
-                raise ValueAt(
-                    ("clamps", "height"),
-                    f"{self.clamps.height:g} mm must exceed half the strips' "
-                    f"thickness ({solid:g} mm)",
-                )
-            solid = self.clamps.height
-        if 0 < self.air_height <= solid:
-            raise ValueAt(
-                ("air_height",),
-                f"{self.air_height:g} mm must exceed the solid below it ({solid:g} mm), or be 0 mm",
-            )
-        return self
+# --- mesh -----------------------------------------------------------------------------------------
 
 
 class Mesh(Section):
-    """Mapped strips; free quadrilateral air that matches their edges."""
+    """Mapped layers; free quadrilateral air that matches their edges."""
 
-    columns: int = Field(60, ge=4, multiple_of=2, description="cells along the strips; even")
-    film_rows: int = Field(4, ge=1, description="cells across the film")
-    electrode_rows: int = Field(1, ge=1, description="cells across each electrode")
+    columns: int = Field(60, ge=4, multiple_of=2, description="cells along the layers; even")
+    film_rows: int = Field(4, ge=1, description="cells across each dielectric layer")
+    electrode_rows: int = Field(1, ge=1, description="cells across each conducting layer")
     grading: Literal["ends", "uniform", "tanh"] = Field(
-        "ends", description="ends: nearly square cells at both ends; tanh: the benchmark's"
+        "ends",
+        description="ends: nearly square cells at ends, clamps and electrodes' edges; tanh: the "
+        "benchmark's",
     )
     order: Literal[1, 2] = Field(2, description="polynomial order of displacement and potential")
     air_size: Length | None = Field(
         None, gt=0, description="cell size at the far side of the air; default air_height / 5"
     )
     file: str | None = Field(
-        None, description="read this Gmsh mesh instead, with the same physical names"
+        None, description="of annular strips: read this Gmsh mesh, with the same physical names"
     )
 
 
@@ -195,8 +145,8 @@ class Sensing(Section):
     area_exponent: float = Field(
         1.0, ge=0, description="n: it grows as (area ratio)^n; 1: constant volume and resistivity"
     )
-    contact: Literal["inner", "outer"] = Field(
-        "outer", description="edge at which both electrodes are contacted"
+    contact: str | None = Field(
+        None, description="end of the base at which both electrodes are contacted; default the last"
     )
 
 
@@ -218,8 +168,21 @@ class Config(Section):
     name: Name = Field(min_length=1, description="short name; also the default run directory")
     description: str = Field("", description="one line, shown in reports")
     geometry: Geometry
+    regions: dict[str, str] | None = Field(
+        None, description="of an own mesh: materials of regions whose names are no materials"
+    )
     mesh: Mesh = Mesh()
-    materials: Materials
+    materials: Materials = Field(min_length=1, description="by region")
+    terminals: dict[str, Terminal] | None = Field(
+        None, description="electrodes by name; default those that the base brings"
+    )
+    mounts: dict[str, Mount] | None = Field(
+        None, description="rigid moving parts by name; default those that the base brings"
+    )
+    holds: tuple[Hold, ...] | None = Field(
+        None, description="what does not move; default what the base brings"
+    )
+    chambers: dict[str, Chamber] | None = Field(None, description="closed spaces by name")
     physics: Physics = Physics()
     limits: Limits = Limits()
     sensing: Sensing = Sensing()
@@ -236,62 +199,94 @@ class Config(Section):
         """Run directory."""
         return os.path.expanduser(self.output.directory or f"runs/{self.name}")
 
+    @cached_property
+    def device(self) -> Device:
+        """What it describes: regions, ports, supports; of a mesh file, its names are read."""
+        names = None
+        if isinstance(self.geometry, MeshShape):
+            names = physical_names(Path(self.geometry.file))
+        sections = Sections(self.terminals, self.mounts, self.holds, self.chambers, self.regions)
+        return device(
+            self.geometry, {n: self.conducts(n) for n in self.materials}, sections, names
+        )
+
+    def conducts(self, material: str) -> bool:
+        """Whether a material is a conductor here."""
+        strips = isinstance(self.geometry, AnnularStrips)
+        return self.materials[material].conducts or (strips and material == "electrode")
+
     @property
-    def solids(self) -> dict[str, Viscoelastic]:
+    def solids(self) -> dict[str, Material]:
         """The materials that are in the device."""
-        m = self.materials
-        bodies = self.geometry.electrode_thickness > 0
-        return {"film": m.film} | ({"electrode": m.electrode} if bodies and m.electrode else {})
+        used = dict.fromkeys(region.material for region in self.device.solids)
+        return {name: self.materials[name] for name in used if name is not None}
+
+    @property
+    def film(self) -> Material:
+        """The first dielectric material that is in the device."""
+        return next(m for name, m in self.solids.items() if not self.conducts(name))
 
     @model_validator(mode="after")
     def _consistent(self) -> Config:
-        if self.geometry.electrode_thickness > 0 and self.materials.electrode is None:
-            raise ValueAt(
-                ("materials", "electrode"),
-                "this key is missing, but geometry.electrode_thickness is above zero",
-            )
         for i, stage in enumerate(self.program[1:], start=1):
             if stage.stage == "prestrain":
                 raise ValueAt(("program", i, "stage"), "prestrain can only be the first stage")
         first = self.program[0]
-        for port in ("mount", "terminal"):
-            if first.stage == "prestrain" and getattr(first, port) is not None:
-                raise ValueAt(("program", 0, port), "a prestrain stage takes no input")
-        if first.stage == "prestrain" and first.stop_when:
-            raise ValueAt(("program", 0, "stop_when"), "a prestrain stage always comes to its end")
-        check_conditions(self)
+        if first.stage == "prestrain":
+            for path, *_ in first.inputs:
+                raise ValueAt(("program", 0, *path), "a prestrain stage takes no input")
+            if first.stop_when:
+                where = ("program", 0, "stop_when")
+                raise ValueAt(where, "a prestrain stage always comes to its end")
+        check_materials(self.materials)
         if self.physics.formulation == "mixed" and self.mesh.order != 2:
             raise ValueAt(("mesh", "order"), "physics.formulation: mixed needs order 2")
-        self._air_above_stroke()
-        if self.tables is not None and self.physics.coupling != "energy":
-            raise ValueAt(("physics", "coupling"), "tables come from one potential: energy only")
-        for region, law in self.solids.items() if self.tables is not None else ():
-            if law.branches:
-                where = f"materials.{region} has branches"
-                raise ValueAt(("tables",), f"{where}: its force depends on time, which tables lack")
-        check_branches(self.program, self.physics.coupling, self.solids)
-        check_second_films(self)
+        if self.mesh.file is not None and not isinstance(self.geometry, AnnularStrips):
+            raise ValueAt(("mesh", "file"), "only of annular_strips; else geometry.shape: mesh")
+        if not isinstance(self.geometry, MeshShape):  # whose file is found by `load`
+            self.check_device()
         return self
+
+    def check_device(self) -> None:
+        """Raise `ValueAt` for what does not fit the device."""
+        if isinstance(self.geometry, AnnularStrips):
+            thick, known = self.geometry.electrode_thickness > 0, self.materials
+            if thick and "electrode" not in known:
+                raise ValueAt(
+                    ("materials", "electrode"),
+                    "this key is missing, but geometry.electrode_thickness is above zero",
+                )
+        elif self.physics.coupling != "energy":
+            raise ValueAt(("physics", "coupling"), "other devices than annular_strips: energy only")
+        check_inputs(self.program, self.device)
+        check_conditions(self)
+        self._air_above_stroke()
+        if self.tables is not None:
+            self.tables.check(self)
+        check_branches(self)
+        check_second_films(self)
 
     def _air_above_stroke(self) -> None:
         """The air must stay higher than a prescribed displacement of what it covers."""
-        g = self.geometry
-        if g.air_height == 0:
+        laminate = self.device.laminate
+        if laminate is None or laminate.air_height == 0:
             return
-        below = g.clamps.height if g.clamps else g.half_thickness
+        below = laminate.blocks.height if laminate.blocks else laminate.thickness / 2
         given: list[tuple[str, tuple[float, ...]]] = []
         for stage in self.program:
-            values = (stage.mount and stage.mount.displacement) or ()
+            for _, kind, _, values in stage.inputs:
+                moved = values.displacement if kind.name == "mount" else None
+                given.append((f"in stage {stage.stage!r}", moved or ()))
             if stage.follow is not None and stage.follow.pair[1] == "displacement":
-                values = (stage.follow.until.displacement or 0.0,)
-            given.append((f"in stage {stage.stage!r}", values))
+                end = stage.follow.until.get("displacement", 0.0)
+                given.append((f"in stage {stage.stage!r}", (end,)))
         if self.tables is not None:
-            given.append(("in tables", self.tables.displacement))
+            given.append(("in tables", self.tables.axes.get("displacement", ())))
         for where, values in given:
             stroke = max(map(abs, values), default=0.0)
-            if stroke >= 0.9 * (g.air_height - below):
+            if stroke >= 0.9 * (laminate.air_height - below):
                 raise ValueAt(
                     ("geometry", "air_height"),
-                    f"{g.air_height:g} mm of air are too low for the displacement of "
+                    f"{laminate.air_height:g} mm of air are too low for the displacement of "
                     f"{stroke:g} mm {where}; twice the stroke works well",
                 )

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import difflib
 import re
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,7 +11,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.reader import ReaderError
 
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, did_you_mean
 
 Path_ = tuple[str | int, ...]
 
@@ -177,11 +175,3 @@ def _no_step(node: Any, part: str | int, above: str) -> str:
     if isinstance(part, int) and part < len(node):
         return ""
     return f"{above} is a list with items 0 to {len(node) - 1}, it has no {part!r}"
-
-
-def did_you_mean(word: object, known: Sequence[str] | Mapping[str, Any]) -> str:
-    """A hint at the nearest known word, or at all of them."""
-    near = difflib.get_close_matches(str(word), list(known), n=1, cutoff=0.6)
-    if near:
-        return f"; did you mean {near[0]!r}?"
-    return f"; known: {', '.join(known)}" if known else ""

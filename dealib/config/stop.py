@@ -10,12 +10,9 @@ from typing import Annotated, Any, TypeAlias
 
 from pydantic import BeforeValidator, Field, field_validator
 
-from dealib.config.columns import COLUMNS
-from dealib.config.section import Section
-from dealib.config.source import did_you_mean
-from dealib.errors import ValueAt
-from dealib.materials.laws import LAWS
-from dealib.materials.response import softens
+from dealib.errors import ValueAt, did_you_mean
+from dealib.observe.quantities import columns
+from dealib.section import Section
 from dealib.units import factor, split
 
 _COMPARE: dict[str, Callable[[float, float], bool]] = {
@@ -24,7 +21,7 @@ _COMPARE: dict[str, Callable[[float, float], bool]] = {
     ">": operator.gt,
     ">=": operator.ge,
 }
-_CONDITION = re.compile(r"\s*(\w+)\s*(<=|>=|<|>)\s*(\S.*?)\s*")
+_CONDITION = re.compile(r"\s*([\w.]+)\s*(<=|>=|<|>)\s*(\S.*?)\s*")
 
 
 class StopWhen(Section):
@@ -42,7 +39,7 @@ class StopWhen(Section):
         return text
 
     @cached_property
-    def _parts(self) -> tuple[str, str, float]:
+    def _parts(self) -> tuple[str, str, float, str]:
         return _read(self.when)
 
     @property
@@ -50,14 +47,30 @@ class StopWhen(Section):
         """The column that is watched."""
         return self._parts[0]
 
-    def met(self, row: Mapping[str, Any]) -> bool:
-        """Whether a row of the history meets it; never if the row lacks the column."""
-        column, sign, limit = self._parts
-        return column in row and _COMPARE[sign](float(row[column]), limit)
+    def met(self, row: Mapping[str, Any], unit: str) -> bool:
+        """Whether a row of the history meets it; never if the row lacks the column.
+
+        Args:
+            row: The row.
+            unit: Of the column.
+        """
+        column, sign, limit, given = self._parts
+        scale = factor(given, unit) if unit else 1.0
+        return column in row and _COMPARE[sign](float(row[column]), limit * scale)
+
+    def check(self, unit: str) -> None:
+        """Raise `ValueError` if the limit has not the dimension of its column."""
+        column, _, value, given = self._parts
+        if unit and not given:
+            raise ValueError(f"'{value:g}' has no unit; {column} is in {unit}")
+        if given and not unit:
+            raise ValueError(f"{column} is a plain number, '{value:g} {given}' has a unit")
+        if unit:
+            factor(given, unit)
 
 
-def _read(text: str) -> tuple[str, str, float]:
-    """Column, sign and limit in the column's unit.
+def _read(text: str) -> tuple[str, str, float, str]:
+    """Column, sign, limit and its unit.
 
     Raises:
         ValueError: If the text is no condition.
@@ -69,15 +82,7 @@ def _read(text: str) -> tuple[str, str, float]:
             f"{', '.join(_COMPARE)} and a value, such as 'field_max_MV_per_m > 80 MV/m'"
         )
     column, sign, value = found.groups()
-    if column not in COLUMNS:
-        raise ValueError(f"unknown column {column!r}{did_you_mean(column, COLUMNS)}")
-    wanted = COLUMNS[column]
-    number, unit = split(value)
-    if wanted and not unit:
-        raise ValueError(f"{value!r} has no unit; {column} is in {wanted}")
-    if unit and not wanted:
-        raise ValueError(f"{column} is a plain number, {value!r} has a unit")
-    return column, sign, number * (factor(unit, wanted) if wanted else 1.0)
+    return column, sign, *split(value)
 
 
 def _mapping(value: object) -> object:
@@ -89,55 +94,20 @@ Condition: TypeAlias = Annotated[
 ]
 
 
-# --- which columns a run has ---------------------------------------------------------------------
-
-_Need: TypeAlias = tuple[str, Callable[[Any], bool]]  # what a config must have, and whether it does
-
-_STRENGTH: _Need = ("limits.breakdown_strength", lambda c: c.limits.breakdown is not None)
-_STRETCH: _Need = ("limits.stretch_max", lambda c: c.limits.stretch_max is not None)
-_SOFTENING: _Need = (
-    "a film that can lose its stiffness, such as mooney_rivlin with c01 below 0",
-    lambda c: softens(c.materials.film),
-)
-_LOCKING: _Need = (
-    f"a film whose law locks: {' or '.join(n for n, law in LAWS.items() if law.locks)}",
-    lambda c: c.materials.film.locks,
-)
-_DIFFERENTIAL: _Need = ("sensing.differential: true", lambda c: c.sensing.differential)
-_RESISTANCE: _Need = (
-    "sensing.sheet_resistance",
-    lambda c: c.sensing.sheet_resistance is not None,
-)
-_BRANCHES: _Need = (
-    "Maxwell branches, such as materials.film.branches",
-    lambda c: any(law.branches for law in c.solids.values()),
-)
-_FOLLOW: _Need = ("a stage with follow", lambda c: any(s.follow is not None for s in c.program))
-
-_NEEDS = {
-    "breakdown_use": _STRENGTH,
-    "stretch_use": _STRETCH,
-    "stability_use": _SOFTENING,
-    "locking_use": _LOCKING,
-    "differential_capacitance_pF": _DIFFERENTIAL,
-    "blocked_capacitance_pF": _DIFFERENTIAL,
-    "mount_stiffness_N_per_mm": _DIFFERENTIAL,
-    "electrode_resistance_kohm": _RESISTANCE,
-    "rc_time_us": _RESISTANCE,
-    "dissipated_energy_mJ": _BRANCHES,
-    "dissipated_power_mW": _BRANCHES,
-    "unstable_modes": _FOLLOW,
-    "limit_point": _FOLLOW,
-    "bifurcation": _FOLLOW,
-}
-
-
 def check_conditions(config: Any) -> None:
     """Raise `ValueAt` if a condition watches a column that this run cannot have."""
+    known = columns(config)
     parts: list[tuple[tuple[str | int, ...], Any]] = [((), config)]
     parts += [(("program", i), stage) for i, stage in enumerate(config.program)]
     for where, part in parts:
         for k, condition in enumerate(part.stop_when):
-            need, has = _NEEDS.get(condition.column, ("", lambda c: True))
-            if not has(config):
-                raise ValueAt((*where, "stop_when", k), f"{condition.column} needs {need}")
+            at, name = (*where, "stop_when", k), condition.column
+            if name not in known:
+                raise ValueAt(at, f"unknown column {name!r}{did_you_mean(name, known)}")
+            try:
+                condition.check(known[name].unit)
+            except ValueError as error:
+                raise ValueAt(at, str(error)) from None
+            needs = known[name].quantity.needs
+            if not needs.has(config):
+                raise ValueAt(at, f"{name} needs {needs.text}")

@@ -19,19 +19,18 @@ import ufl
 from dolfinx import fem
 
 from dealib.fem import compat
-from dealib.fem.device import Device
-from dealib.fem.energies import Energy, Hyperelastic, constant
-from dealib.fem.kinematics import jacobian
+from dealib.fem.energies import Energy, Hyperelastic, Point, constant
 from dealib.materials.branches import Branch
+from dealib.materials.evolution import IDENTITY
 
 SIZE = 5  # of a branch at a point: H, packed, and w
 
 
-def step_terms(device: Device, degree: int, branches: int) -> Any:
+def step_terms(mesh: Any, degree: int, branches: int) -> Any:
     """A function that holds H and w of all branches at the quadrature points: relaxed ones."""
-    element = compat.quadrature_element(device.mesh, degree, SIZE * branches)
-    terms = fem.Function(compat.functionspace(device.mesh, element), name="branches")
-    terms.x.array.reshape(-1, SIZE)[:] = (0, 0, 0, 0, 1)
+    element = compat.quadrature_element(mesh, degree, SIZE * branches)
+    terms = fem.Function(compat.functionspace(mesh, element), name="branches")
+    terms.x.array.reshape(-1, SIZE)[:] = (*(0 * IDENTITY), 1)
     return terms
 
 
@@ -54,19 +53,19 @@ class MaxwellBranch:
     index: int
 
     @property
-    def kind(self) -> str:
+    def on(self) -> str:
         """See `Energy`."""
-        return self.solid.kind
+        return self.solid.on
 
-    def density(self, F: Any, E: Any) -> Any:
+    def density(self, point: Point) -> Any:
         """See `Energy`."""
         rr, zz, tt, rz, w = (self.terms[SIZE * self.index + i] for i in range(SIZE))
-        total = self.solid.total(F)
-        C = jacobian(total) ** (-2.0 / 3.0) * total.T * total
+        total = self.solid.total(point.F)
+        C = ufl.det(total) ** (-2.0 / 3.0) * total.T * total
         H = ufl.as_matrix([[rr, rz, 0], [rz, zz, 0], [0, 0, tt]])
         if self.evolution == "network":
             return self.modulus / 2 * ufl.inner(H, C) / self.solid.volume
-        return 1.5 * self.modulus / w * jacobian(H + w * C) ** (1.0 / 3.0) / self.solid.volume
+        return 1.5 * self.modulus / w * ufl.det(H + w * C) ** (1.0 / 3.0) / self.solid.volume
 
 
 def maxwell_branches(solid: Hyperelastic, branches: tuple[Branch, ...], terms: Any) -> list[Energy]:

@@ -252,8 +252,14 @@ def cell_name(mesh: Any) -> str:
     return str(mesh.topology.cell_name())
 
 
-def from_gmsh(model: Any, comm: Any) -> tuple[Any, Any, Any, dict[str, tuple[int, int]]]:
-    """Distribute rank 0's Gmsh model: mesh, cell tags, facet tags, {name: (dim, tag)}."""
+def from_gmsh(model: Any, comm: Any, gdim: int) -> tuple[Any, Any, Any, dict[str, tuple[int, int]]]:
+    """Distribute rank 0's Gmsh model: mesh, cell tags, facet tags, {name: (dim, tag)}.
+
+    Args:
+        model: The model; None on other ranks.
+        comm: MPI communicator.
+        gdim: Number of coordinates.
+    """
     names = {}
     if comm.rank == 0:
         names = {model.getPhysicalName(d, t): (d, t) for d, t in model.getPhysicalGroups()}
@@ -269,8 +275,14 @@ def from_gmsh(model: Any, comm: Any) -> tuple[Any, Any, Any, dict[str, tuple[int
             kw["partitioner"] = _mesh.create_cell_partitioner(ghosts)
         except TypeError:
             kw["partitioner"] = _mesh.create_cell_partitioner(ghosts, 2)
-    mesh, cells, facets = reader.model_to_mesh(model, comm, 0, gdim=2, **kw)[:3]
+    mesh, cells, facets = reader.model_to_mesh(model, comm, 0, gdim=gdim, **kw)[:3]
     return mesh, cells, facets, names
+
+
+def geometry_order(mesh: Any) -> int:
+    """Polynomial order of the cells' shape."""
+    g = mesh.geometry
+    return int(g.cmaps[0].degree if hasattr(g, "cmaps") else g.cmap.degree)
 
 
 def cell_nodes(mesh: Any) -> npt.NDArray[np.int32]:

@@ -17,11 +17,10 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
 
-from dealib.fem.device import KINDS, Device, Spaces
-from dealib.geometry import names
-from dealib.geometry.supports import Support
+from dealib.device.records import PHI, TERMINAL, Support
+from dealib.errors import ConfigError
+from dealib.fem.domain import Domain, Spaces
 
-PORTS = ("mount", "terminal")
 FIELDS = ("displacement", "potential", "air mesh", "pressure")
 _FREE, _ZERO, _FIRST_PORT = 0, 1, 2
 
@@ -33,6 +32,7 @@ class ConstraintMap:
     """Numbering of the reduced unknowns.
 
     Attributes:
+        comm: MPI communicator.
         columns: Reduced index of each local degree of freedom (ghosts included), -1 if fixed.
         physical: Reduced row of each local degree of freedom for the physical energies.
         mesh_rows: The same for the air's fictitious elasticity (one-way): rows of displacements
@@ -50,42 +50,43 @@ class ConstraintMap:
     ports: dict[str, int]
     owned: int
     _free: Ints
-    _unknown: Ints
     _port_of: dict[str, Ints]
 
     def expand(self, q: Any, w: Any) -> None:
         """Set the function w = T q, ghosts included."""
-        values = q.array_r
         ports = self.port_values(q)
-        w.x.array[self._free] = values[self._unknown]
+        w.x.array[self._free] = q.array_r[: len(self._free)]
         for name, dofs in self._port_of.items():
             w.x.array[dofs] = ports[name]
         w.x.scatter_forward()
 
-    def restrict(self, w: Any, q: Any) -> None:
-        """Set q so that w = T q, from a function that satisfies the constraints."""
-        q.array[self._unknown] = w.x.array[self._free]
-        ports = np.array([np.nan] * len(PORTS))
-        for i, name in enumerate(PORTS):
-            if len(self._port_of[name]):
-                ports[i] = w.x.array[self._port_of[name][0]]
-        gathered = np.array(self.comm.allgather(ports))
-        for i, name in enumerate(PORTS):
-            known = gathered[~np.isnan(gathered[:, i]), i]
-            self.set_port(q, name, float(known[0]) if len(known) else 0.0)
+    def restrict(self, w: Any, q: Any, ports: dict[str, float]) -> None:
+        """Set q so that w = T q, from a function that satisfies the constraints.
+
+        Args:
+            w: The function.
+            q: The reduced vector.
+            ports: Values of ports that no degree of freedom follows.
+        """
+        q.array[: len(self._free)] = w.x.array[self._free]
+        mine = {n: float(w.x.array[d[0]]) for n, d in self._port_of.items() if len(d)}
+        for part in self.comm.allgather(mine):
+            ports = ports | part
+        for name in self.ports:
+            self.set_port(q, name, ports.get(name, 0.0))
 
     def port_values(self, q: Any) -> dict[str, float]:
         """Values of the ports in a reduced vector, on every rank."""
         mine = None
         if self.comm.rank == 0:
-            mine = q.array_r[self.owned - len(PORTS) :].tolist()
+            mine = q.array_r[self.owned - len(self.ports) : self.owned].tolist()
         values = self.comm.bcast(mine, root=0)
-        return dict(zip(PORTS, values, strict=True))
+        return dict(zip(self.ports, values, strict=True))
 
     def set_port(self, q: Any, name: str, value: float) -> None:
         """Set one port's entry of a reduced vector."""
         if self.comm.rank == 0:
-            q.array[self.owned - len(PORTS) + PORTS.index(name)] = value
+            q.array[self.owned - len(self.ports) + list(self.ports).index(name)] = value
 
     def numbers(self, field: str) -> Ints:
         """Global numbers of this rank's free unknowns of a field."""
@@ -101,42 +102,47 @@ class ConstraintMap:
         return PETSc.LGMap().create(rows, comm=self.comm)
 
 
-def build(device: Device, spaces: Spaces, supports: list[Support]) -> ConstraintMap:
-    """Number the reduced unknowns of a device."""
-    W, comm = spaces.W, device.comm
+def build(domain: Domain, spaces: Spaces) -> ConstraintMap:
+    """Number the reduced unknowns of a device (collective).
+
+    Raises:
+        ConfigError: If two terminals touch.
+    """
+    W, comm, device = spaces.W, domain.comm, domain.device
     index_map = W.dofmap.index_map
     owned, total = index_map.size_local, index_map.size_local + index_map.num_ghosts
+    names = [port.name for port in device.ports]
 
     kind = np.full(total, _FREE, dtype=np.int32)
-    for support in supports:
-        dim, _ = device.groups[support.where]
-        dofs = _dofs(W, support.quantity, dim, device.entities(support.where))
-        kind[dofs] = {"zero": _ZERO, "mount": _FIRST_PORT, "terminal": _FIRST_PORT + 1}[
-            support.target
-        ]
+    for support in device.supports:
+        dofs = _support_dofs(domain, spaces, support)
+        target = _FIRST_PORT + names.index(support.port) if support.port else _ZERO
+        if support.quantity == PHI:
+            _check_apart(domain, support, kind[dofs], target)
+        kind[dofs] = target
     pressure = np.zeros(total, bool)
     if spaces.pressure_element is not None:  # it lives in the solids only
-        pressure[_dofs(W, "p", 2, device.all_cells)] = True
+        pressure[_dofs(W, (2,), domain.dim, domain.all_cells)] = True
         kind[pressure] = _ZERO
-        kind[_dofs(W, "p", 2, device.cells(*KINDS["film"], *KINDS["electrodes"]))] = _FREE
+        kind[_dofs(W, (2,), domain.dim, domain.solids)] = _FREE
     solid, in_air = np.zeros(total, bool), np.zeros(total, bool)
     for region in device.regions:
-        for component in ("u_R", "u_Z"):
-            where = in_air if region == names.AIR else solid
-            where[_dofs(W, component, 2, device.entities(region))] = True
+        where = in_air if region.air else solid
+        for k in range(domain.dim):
+            where[_dofs(W, (0, k), domain.dim, domain.cells(region.name))] = True
     for array in (kind, solid, in_air):
         _owners_decide(W, array)
     potential = np.zeros(total, bool)
-    potential[_dofs(W, "phi", 2, device.all_cells)] = True
+    potential[_dofs(W, (1,), domain.dim, domain.all_cells)] = True
     mesh_only = in_air & ~solid
 
     free = np.flatnonzero(kind[:owned] == _FREE).astype(np.int32)
-    count = len(free) + (len(PORTS) if comm.rank == 0 else 0)
+    count = len(free) + (len(names) if comm.rank == 0 else 0)
     offset = comm.exscan(count) or 0
     first_port = comm.bcast(offset + len(free), root=0)
     numbers = np.full(total, -1, dtype=np.int64)
     numbers[free] = offset + np.arange(len(free))
-    for i in range(len(PORTS)):
+    for i in range(len(names)):
         numbers[np.flatnonzero(kind == _FIRST_PORT + i)] = first_port + i
     columns = _owners_decide(W, numbers).astype(np.int32)
 
@@ -148,19 +154,39 @@ def build(device: Device, spaces: Spaces, supports: list[Support]) -> Constraint
         physical=np.where(mesh_only, -1, columns).astype(np.int32),
         mesh_rows=np.where(mesh_only, columns, -1).astype(np.int32),
         field=field,
-        ports={name: first_port + i for i, name in enumerate(PORTS)},
+        ports={name: first_port + i for i, name in enumerate(names)},
         owned=count,
         _free=free,
-        _unknown=np.arange(len(free), dtype=np.int32),
         _port_of={
             name: np.flatnonzero(kind[:owned] == _FIRST_PORT + i).astype(np.int32)
-            for i, name in enumerate(PORTS)
+            for i, name in enumerate(names)
         },
     )
 
 
-def _dofs(W: Any, quantity: str, dim: int, entities: Ints) -> Ints:
-    path = {"u_R": (0, 0), "u_Z": (0, 1), "phi": (1,), "p": (2,)}[quantity]
+def _support_dofs(domain: Domain, spaces: Spaces, support: Support) -> Ints:
+    axes = domain.device.kinematics.axes
+    path = (1,) if support.quantity == PHI else (0, axes.index(support.quantity))
+    if not domain.has(support.where):
+        return np.empty(0, np.int32)
+    return _dofs(spaces.W, path, *domain.entities(support.where))
+
+
+def _check_apart(domain: Domain, support: Support, before: Ints, target: int) -> None:
+    """Refuse a terminal that shares a node with another one."""
+    others = np.unique(before[(before != _FREE) & (before != target)])
+    other = domain.comm.allreduce(int(others[0]) if len(others) else -1, op=MPI.MAX)
+    if other < 0:
+        return
+    names = [port.name for port in domain.device.ports]
+    one, two = (names[k - _FIRST_PORT] if k >= _FIRST_PORT else "ground" for k in (other, target))
+    raise ConfigError(
+        f"the {TERMINAL.name}s {one!r} and {two!r} touch at {support.where!r}: leave a gap between "
+        "them, or make them one"
+    )
+
+
+def _dofs(W: Any, path: tuple[int, ...], dim: int, entities: Ints) -> Ints:
     for k in path:
         W = W.sub(k)
     return np.asarray(fem.locate_dofs_topological(W, dim, entities))

@@ -9,20 +9,46 @@ symmetric.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
-
-from mpi4py import MPI
+from typing import Any, ClassVar, Protocol
 
 import ufl
-from dolfinx import fem
 
-from dealib.fem import compat
-from dealib.fem.energies import IdealDielectric
-from dealib.fem.kinematics import inverse_transpose, jacobian
-from dealib.geometry import names
+from dealib.fem.energies import Energy, IdealDielectric, Point
 
-if TYPE_CHECKING:
-    from dealib.fem.problem import Problem
+FILM, FACES = "film", ("film_top", "film_bottom")  # of annular strips, for which alone loads are
+
+
+class Body(Protocol):
+    """What couplings need to know of a problem."""
+
+    @property
+    def point(self) -> Point:
+        """A point inside."""
+
+    @property
+    def face(self) -> Point:
+        """A point on a face."""
+
+    @property
+    def state(self) -> Any:
+        """The state's function."""
+
+    @property
+    def body(self) -> list[Energy]:
+        """Energies of the solids."""
+
+    @property
+    def electric(self) -> list[Energy]:
+        """Electric energies."""
+
+    def potential(self, energies: list[Energy]) -> Any:
+        """Sum of energies over their regions."""
+
+    def over(self, group: str, density: Any) -> Any:
+        """Integral over a group of regions."""
+
+    def over_face(self, name: str, density: Any, *regions: str) -> Any:
+        """Integral over a boundary on the side of some regions."""
 
 
 class Coupling(Protocol):
@@ -34,7 +60,7 @@ class Coupling(Protocol):
 
     symmetric: ClassVar[bool]
 
-    def residual(self, problem: Problem, test: Any) -> Any:
+    def residual(self, problem: Body, test: Any) -> Any:
         """Linear form of the virtual work, internal minus external; zero in equilibrium.
 
         Args:
@@ -46,7 +72,7 @@ class Coupling(Protocol):
 class Load(Protocol):
     """What the field does to the body where no energy says it."""
 
-    def __call__(self, problem: Problem, v: Any) -> Any:
+    def __call__(self, problem: Body, v: Any) -> Any:
         """Its virtual work at a virtual displacement v = (v_R, v_Z)."""
 
 
@@ -56,10 +82,10 @@ class OnePotential:
 
     symmetric: ClassVar[bool] = True
 
-    def residual(self, problem: Problem, test: Any) -> Any:
+    def residual(self, problem: Body, test: Any) -> Any:
         """See `Coupling`."""
         total = problem.potential(problem.body + problem.electric)
-        return ufl.derivative(total, problem.spaces.w, test)
+        return ufl.derivative(total, problem.state, test)
 
 
 @dataclass(frozen=True)
@@ -73,38 +99,29 @@ class Loaded:
     symmetric: ClassVar[bool] = False
     load: Load
 
-    def residual(self, problem: Problem, test: Any) -> Any:
+    def residual(self, problem: Body, test: Any) -> Any:
         """See `Coupling`."""
-        w, (v, psi, *rest) = problem.spaces.w, ufl.split(test)
+        w, (v, psi, *rest) = problem.state, ufl.split(test)
         charges = ufl.as_vector([0, 0, psi, *(0 for _ in rest)])  # of the potential only
         body = ufl.derivative(problem.potential(problem.body), w, test)
         field = ufl.derivative(problem.potential(problem.electric), w, charges)
         return body + field - self.load(problem, v)
 
 
-def maxwell_traction(problem: Problem, v: Any) -> Any:
+def maxwell_traction(problem: Body, v: Any) -> Any:
     """Maxwell's traction on the electrodes where they touch the film.
 
     T n with T = eps (e (x) e - e.e I / 2) (thesis, eq. 5) at the field in the film; n points out
     of the electrode.
     """
     F, e, eps = _film_field(problem)
-    N = ufl.FacetNormal(problem.device.mesh)  # out of the film
-    n_da = -jacobian(F) * inverse_transpose(F) * ufl.as_vector([N[0], N[1], 0])  # Nanson, per dA
+    n_da = -ufl.det(F) * ufl.inv(F).T * problem.face.N  # Nanson, per dA; N points out of the film
     traction = eps * (ufl.dot(e, n_da) * e - ufl.dot(e, e) / 2 * n_da)
-    work = (traction[0] * v[0] + traction[1] * v[1]) * problem.kinematics.volume
-    film = _indicator(problem, names.FILM)
-    terms = []
-    for face in (names.FILM_TOP, names.FILM_BOTTOM):
-        if _inside(problem, face):  # one of its sides is the film
-            both = film("+") * work("+") + film("-") * work("-")
-            terms.append(both * problem.facets("dS", face))
-        else:
-            terms.append(work * problem.facets("ds", face))
-    return terms[0] + terms[1]
+    work = traction[0] * v[0] + traction[1] * v[1]
+    return sum(problem.over_face(face, work, FILM) for face in FACES)
 
 
-def pelrine(problem: Problem, v: Any) -> Any:
+def pelrine(problem: Body, v: Any) -> Any:
     """Pelrine's pressure p = eps (V/d)^2 across the film (thesis, section 2.4.2).
 
     The stress -p along the field, -eps e (x) e with |e| = V/d: the pressure p on both faces, with
@@ -116,26 +133,32 @@ def pelrine(problem: Problem, v: Any) -> Any:
     return _stress_across(problem, v, eps, e)
 
 
-def pelrine_undeformed(problem: Problem, v: Any) -> Any:
+def pelrine_undeformed(problem: Body, v: Any) -> Any:
     """The same with the thickness at rest: p = eps (V/H)^2 however far the film is squeezed.
 
     No energy stands behind it: it lacks the growth of the pressure as the film thins.
     """
     F, _, eps = _film_field(problem)
-    _, E = problem.fields()
-    across = inverse_transpose(F) * ufl.as_vector([0, 1, 0])  # the film lies flat in the mesh
+    E = problem.point.E
+    across = ufl.inv(F).T * ufl.as_vector([0, 1, 0])  # the film lies flat in the mesh
     normal = across / ufl.sqrt(ufl.dot(across, across))
     return _stress_across(problem, v, eps * ufl.dot(E, E), normal)
 
 
-def _stress_across(problem: Problem, v: Any, factor: Any, e: Any) -> Any:
+def _stress_across(problem: Body, v: Any, factor: Any, e: Any) -> Any:
     """Virtual work of the true stress -factor e (x) e in the film."""
-    F, _ = problem.fields()
-    stress = -factor * jacobian(F) * ufl.outer(e, inverse_transpose(F).T * e)  # Piola, mesh area
-    w = problem.spaces.w
+    F, w = problem.point.F, problem.state
+    stress = -factor * ufl.det(F) * ufl.outer(e, ufl.inv(F) * e)  # Piola, mesh area
     direction = ufl.as_vector([v[0], v[1], *(0 for _ in range(2, len(w)))])
-    work = ufl.inner(stress, ufl.derivative(F, w, direction))
-    return work * problem.kinematics.volume * problem.measure("film")
+    return problem.over(FILM, ufl.inner(stress, ufl.derivative(F, w, direction)))
+
+
+def _film_field(problem: Body) -> tuple[Any, Any, Any]:
+    """Deformation gradient, true field, and the film's permittivity."""
+    F, E = problem.point.F, problem.point.E
+    dielectrics = (part for part in problem.electric if isinstance(part, IdealDielectric))
+    (film,) = (part for part in dielectrics if part.on == FILM)
+    return F, ufl.inv(F).T * E, film.at(F)
 
 
 COUPLINGS: dict[str, Coupling] = {
@@ -144,28 +167,3 @@ COUPLINGS: dict[str, Coupling] = {
     "pelrine": Loaded(pelrine),
     "pelrine_undeformed": Loaded(pelrine_undeformed),
 }
-
-
-def _film_field(problem: Problem) -> tuple[Any, Any, Any]:
-    """Deformation gradient, true field, and the film's permittivity."""
-    F, E = problem.fields()
-    dielectrics = (part for part in problem.electric if isinstance(part, IdealDielectric))
-    (film,) = (part for part in dielectrics if part.kind == "film")
-    return F, inverse_transpose(F) * E, film.at(F)
-
-
-def _indicator(problem: Problem, region: str) -> Any:
-    """1 in the cells of a region, 0 elsewhere."""
-    mesh = problem.device.mesh
-    V = compat.functionspace(mesh, compat.element(mesh, "DG", 0))
-    chi = fem.Function(V, name="indicator")
-    chi.x.array[compat.cell_dofs(V)[problem.device.entities(region), 0]] = 1.0
-    return chi
-
-
-def _inside(problem: Problem, boundary: str) -> bool:
-    """Whether a boundary has cells on both sides (the same on every rank)."""
-    mesh = problem.device.mesh
-    cells = mesh.topology.connectivity(1, 2)
-    found = [len(cells.links(f)) for f in problem.device.entities(boundary)]
-    return bool(mesh.comm.allreduce(max(found, default=0), op=MPI.MAX) > 1)

@@ -2,41 +2,64 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from petsc4py import PETSc
 
 import numpy as np
+import numpy.typing as npt
 
-from dealib.fem.constraints import PORTS
+from dealib.device.records import CHAMBER, MOUNT, TERMINAL
+from dealib.fem.linear import set_options
+from dealib.fem.newton import Newton
+from dealib.fem.problem import Problem
 from dealib.fem.system import PortLaw
-from dealib.results.elements import Array
 
-if TYPE_CHECKING:
-    from dealib.fem.newton import Newton
+Array = npt.NDArray[np.float64]
 
-_SMALL = 1e-4  # change of a port: of the film's thickness, of 1 kV
+_SMALL = 1e-4  # change of a port, of its size
+_PREFIX, _ELECTROSTATIC = "dealib_field_", {"mat_mumps_icntl_7": 5}
 
 
 def port_stiffness(newton: Newton) -> Array:
-    """Second derivatives of the equilibrium potential by the ports' values, (2, 2) (collective).
+    """Second derivatives of the equilibrium potential by the ports' values, (ports, ports).
 
-    With U in mm and V in kV: [[dF/dU, dF/dV], [-dQ/dU, -dQ/dV]], each at the other port's value.
+    With U in mm and V in kV: [[dF/dU, dF/dV], [-dQ/dU, -dQ/dV]], each at the other ports' values.
     The state follows the ports along the responses of the tangent; along them the ports' duals are
-    differentiated centrally.
+    differentiated centrally (collective).
     """
     system = newton.system
-    laws, q = dict(system.ports), system.q
-    values = system.map.port_values(q)
-    for name, value in values.items():
-        system.ports[name] = PortLaw(value=value)
-    sizes = _SMALL * np.array([system.problem.config.geometry.film_thickness, 1.0])
-    found = np.empty((len(PORTS), len(PORTS)))
-    try:
+    sizes = [_SMALL * _size(system.problem, port.kind.name) for port in system.problem.device.ports]
+    found = np.empty((len(sizes), len(sizes)))
+    with _prescribed(newton):
         for k, (response, size) in enumerate(zip(newton.responses(), sizes, strict=True)):
-            found[:, k] = _slope(newton, response, float(size))
+            found[:, k] = _slope(newton, response, size)
+    return found
+
+
+def _size(problem: Problem, kind: str) -> float:
+    sizes = problem.domain.sizes
+    return {
+        MOUNT.name: sizes.thickness,
+        TERMINAL.name: 1.0,
+        CHAMBER.name: problem.config.film.shear_modulus_at_rest * sizes.thickness / sizes.span,
+    }[kind]
+
+
+@contextmanager
+def _prescribed(newton: Newton) -> Iterator[None]:
+    """Prescribe the values that all ports have, for a while."""
+    system = newton.system
+    laws, q = dict(system.ports), system.q
+    for name, value in system.map.port_values(q).items():
+        system.ports[name] = PortLaw(value=value)
+    try:
+        yield
     finally:
         system.ports.update(laws)
         system.residual(q, system.residual_vector)  # the duals of the state itself
-    return found
 
 
 def _slope(newton: Newton, response: Any, size: float) -> Array:
@@ -47,20 +70,62 @@ def _slope(newton: Newton, response: Any, size: float) -> Array:
         system.q.copy(moved)
         moved.axpy(sign * size, response)
         system.residual(moved, system.residual_vector)
-        ends.append(np.array([system.internal[name] for name in PORTS]))
+        ends.append(np.array(list(system.internal.values())))
     return np.asarray((ends[0] - ends[1]) / (2 * size))
 
 
-def capacitances(stiffness: Array, mount: PortLaw, displacement: float) -> tuple[float, float]:
-    """dQ/dV with the mount as it is driven, and at constant displacement, nF.
+def condensed(
+    stiffness: Array, laws: Mapping[str, PortLaw], values: Mapping[str, float], port: str
+) -> float:
+    """Derivative of the potential's slope at a port by its value, the others driven as they are.
 
     Args:
         stiffness: Of the ports (see `port_stiffness`).
-        mount: Equation of the mount.
-        displacement: Of the mount, mm.
+        laws: Equations of the ports, in order.
+        values: Values of the ports.
+        port: The port.
     """
-    blocked = -stiffness[1, 1]
-    if mount.value is not None:
-        return float(blocked), float(blocked)
-    motion = -stiffness[0, 1] / (stiffness[0, 0] - mount.balance(displacement)[1])  # dU/dV
-    return float(blocked - stiffness[1, 0] * motion), float(blocked)
+    names = list(laws)
+    k = names.index(port)
+    free = [i for i, n in enumerate(names) if n != port and laws[n].value is None]
+    if not free:
+        return float(stiffness[k, k])
+    inner = stiffness[np.ix_(free, free)].copy()
+    inner -= np.diag([laws[names[i]].balance(values[names[i]])[1] for i in free])
+    return float(stiffness[k, k] - stiffness[k, free] @ np.linalg.solve(inner, stiffness[free, k]))
+
+
+def capacitance_matrix(newton: Newton) -> Array:
+    """Charges on all terminals at unit voltage of each, the body frozen, nF (collective).
+
+    Returns:
+        Shape (terminals, terminals), symmetric.
+    """
+    system = newton.system
+    names = [port.name for port in system.problem.device.of(TERMINAL)]
+    with _prescribed(newton):
+        system.residual(system.q, system.residual_vector)
+        system.tangent(system.matrix)
+        columns = [system.column(name) for name in names]
+        numbers = PETSc.IS().createGeneral(system.map.numbers("potential"), comm=system.map.comm)
+        inner = system.matrix.createSubMatrix(numbers, numbers)
+        set_options(_PREFIX, _ELECTROSTATIC)
+        solver = PETSc.KSP().create(system.map.comm)
+        solver.setType("preonly")
+        solver.getPC().setType("lu")
+        solver.getPC().setFactorSolverType("mumps")
+        solver.setOptionsPrefix(_PREFIX)
+        solver.setFromOptions()
+        solver.setOperators(inner)
+        found = np.empty((len(names), len(names)))
+        for j, column in enumerate(columns):
+            right = column.getSubVector(numbers)
+            x = right.duplicate()
+            solver.solve(right, x)
+            column.restoreSubVector(numbers, right)
+            for i, other in enumerate(columns):
+                at_port = system.map.port_values(column)[names[i]]
+                left = other.getSubVector(numbers)
+                found[i, j] = -(at_port - left.dot(x))
+                other.restoreSubVector(numbers, left)
+    return found

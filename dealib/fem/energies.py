@@ -1,7 +1,7 @@
-"""Energies: small parts that are summed to the total potential Pi(u, phi).
+"""Energies of regions and of faces; their sum is the potential that the solver makes stationary.
 
-Each part gives its density per mesh volume at a deformation gradient F and a nominal field E.
-All parameters are constants of the compiled forms.
+An energy takes a point of the body and gives its density per mesh volume or mesh area. Composing
+energies is all that it takes to model a device.
 """
 
 from __future__ import annotations
@@ -16,24 +16,37 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dealib.fem.kinematics import area_stretch, inverse_transpose, jacobian
 from dealib.materials.laws import Invariants, Law
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point of the body, as UFL expressions.
+
+    Attributes:
+        x: Position in the mesh, of the mesh's axes.
+        u: Displacement, of the mesh's axes.
+        F: Deformation gradient from the mesh, (3, 3).
+        E: Nominal field -Grad phi, (3,), kV/mm.
+        N: Outer normal of a face in the mesh, (3,); None inside.
+    """
+
+    x: Any
+    u: Any
+    F: Any
+    E: Any
+    N: Any = None
 
 
 class Energy(Protocol):
     """One part of the potential."""
 
     @property
-    def kind(self) -> str:
-        """Kind of region it lives in."""
+    def on(self) -> str:
+        """Group of regions, or boundary, that it lives on."""
 
-    def density(self, F: Any, E: Any) -> Any:
-        """Energy per mesh volume, MPa = mJ/mm^3.
-
-        Args:
-            F: Deformation gradient from the mesh, (3, 3).
-            E: Nominal field -Grad phi, (3,), kV/mm.
-        """
+    def density(self, point: Point) -> Any:
+        """Energy per mesh volume (MPa = mJ/mm^3) or per mesh area (N/mm)."""
 
 
 def constant(mesh: Any, value: Any) -> Any:
@@ -48,7 +61,7 @@ def parameters(mesh: Any, law: Law) -> SimpleNamespace:
 
 def invariants(F: Any) -> Invariants:
     """Isochoric invariants of a (3, 3) deformation gradient in UFL."""
-    J = jacobian(F)
+    J = ufl.det(F)
     C = F.T * F
     trace = ufl.tr(C)
     a = J ** (-2.0 / 3.0)
@@ -57,25 +70,23 @@ def invariants(F: Any) -> Invariants:
 
 @dataclass(frozen=True)
 class Hyperelastic:
-    """A law on a region, optionally pre-stretched: W(F F_p) / det F_p.
+    """A law on regions, optionally pre-stretched: W(F F_p) / det F_p.
 
     Attributes:
-        kind: Kind of region.
+        on: Group of regions.
         law: The law.
         parameters: Its parameters, as constants.
-        prestretch: Stretches (radial, thickness, hoop) of F_p, as a constant; None for none.
+        prestretch: Stretches of F_p along the components, as a constant; None for none.
     """
 
-    kind: str
+    on: str
     law: Law
     parameters: SimpleNamespace
     prestretch: Any = None
 
-    def density(self, F: Any, E: Any) -> Any:
+    def density(self, point: Point) -> Any:
         """See `Energy`."""
-        if self.prestretch is None:
-            return self.law.energy(invariants(F), self.parameters)
-        return self.law.energy(invariants(self.total(F)), self.parameters) / self.volume
+        return self.law.energy(invariants(self.total(point.F)), self.parameters) / self.volume
 
     def extension(self, F: Any) -> Any:
         """Share of the law's extensibility that is used (see `Law.extension`)."""
@@ -111,14 +122,14 @@ class MixedHyperelastic:
     pressure: Any
 
     @property
-    def kind(self) -> str:
+    def on(self) -> str:
         """See `Energy`."""
-        return self.solid.kind
+        return self.solid.on
 
-    def density(self, F: Any, E: Any) -> Any:
+    def density(self, point: Point) -> Any:
         """See `Energy`."""
         solid, p = self.solid, self.pressure
-        i = invariants(solid.total(F))
+        i = invariants(solid.total(point.F))
         isochoric = solid.law.isochoric_energy(i, solid.parameters)
         volumetric = p * (i.J - 1) - p**2 / (2 * solid.parameters.bulk_modulus)
         return (isochoric + volumetric) / solid.volume
@@ -129,21 +140,21 @@ class IdealDielectric:
     """Linear dielectric: W_e = -(eps/2) J e.e with the true field e = F^-T E.
 
     Attributes:
-        kind: Kind of region.
+        on: Group of regions.
         permittivity: eps0 eps_r in N/kV^2, as a constant.
     """
 
-    kind: str
+    on: str
     permittivity: Any
 
     def at(self, F: Any) -> Any:
         """Permittivity at a deformation."""
         return self.permittivity
 
-    def density(self, F: Any, E: Any) -> Any:
+    def density(self, point: Point) -> Any:
         """See `Energy`."""
-        e = inverse_transpose(F) * E
-        return -self.at(F) / 2 * jacobian(F) * ufl.dot(e, e)
+        e = ufl.inv(point.F).T * point.E
+        return -self.at(point.F) / 2 * ufl.det(point.F) * ufl.dot(e, e)
 
 
 @dataclass(frozen=True)
@@ -155,15 +166,26 @@ class StretchedDielectric(IdealDielectric):
 
     Attributes:
         slope: Change of the permittivity a unit of stretch, N/kV^2, as a constant.
-        prestretch: Stretches (radial, thickness, hoop) before the mesh, as a constant.
+        prestretch: Stretches before the mesh along the components, as a constant.
+        normal: Component across the layer.
     """
 
     slope: Any
     prestretch: Any
+    normal: int
 
     def at(self, F: Any) -> Any:
         """See `IdealDielectric`."""
-        return self.permittivity + self.slope * area_stretch(F, self.prestretch)
+        one, other = (ufl.as_vector([F[i, k] for i in range(3)]) for k in in_plane(self.normal))
+        area = ufl.cross(one, other)  # of layers that were normal to that component
+        p = [self.prestretch[k] for k in in_plane(self.normal)]
+        return self.permittivity + self.slope * (p[0] * p[1] * ufl.sqrt(ufl.dot(area, area))) ** 0.5
+
+
+def in_plane(normal: int) -> tuple[int, int]:
+    """Components in the plane of a layer."""
+    first, second = (k for k in range(3) if k != normal)
+    return first, second
 
 
 @dataclass(frozen=True)
@@ -171,14 +193,14 @@ class MeshElasticity:
     """Fictitious neo-Hookean medium (G = kappa) that carries the air's mesh.
 
     Attributes:
-        kind: Kind of region.
+        on: Group of regions.
         stiffness: G = kappa in MPa, as a constant.
     """
 
-    kind: str
+    on: str
     stiffness: Any
 
-    def density(self, F: Any, E: Any) -> Any:
+    def density(self, point: Point) -> Any:
         """See `Energy`."""
-        i = invariants(F)
+        i = invariants(point.F)
         return self.stiffness / 2 * (i.I1 - 3 + (i.J - 1) ** 2)

@@ -9,35 +9,27 @@ import numpy as np
 import numpy.typing as npt
 
 from dealib.fem import compat
-from dealib.fem.device import REGION_IDS, Device, Spaces
+from dealib.fem.domain import Domain, Spaces
 from dealib.results.elements import Cell
 from dealib.results.mesh import ResultMesh
 
 Floats = npt.NDArray[np.float64]
-
-# nodes of dolfinx's cells in VTK's order
-_VTK = {
-    ("quadrilateral", 1): [0, 1, 3, 2],
-    ("quadrilateral", 2): [0, 1, 3, 2, 4, 6, 7, 5, 8],
-    ("triangle", 1): [0, 1, 2],
-    ("triangle", 2): [0, 1, 2, 5, 3, 4],
-}
 
 
 @dataclass
 class Layout:
     """Nodal values by cell on this rank, and the whole mesh on rank 0.
 
-    The columns of nodal values are (u_R, u_Z, phi), mm and kV, and p, MPa, in the mixed form.
+    The columns of nodal values are u by axis, mm, phi, kV, and p, MPa, in the mixed form.
 
     Attributes:
         cell: Reference cell.
-        corners: Corner coordinates of the local cells (cells, corners, 2), mm.
+        nodes: Coordinates of the local cells' nodes (cells, nodes, axes), mm.
         mesh: The whole mesh, nodes split between regions; None except on rank 0.
     """
 
     cell: Cell
-    corners: Floats
+    nodes: Floats
     mesh: ResultMesh | None
     _spaces: Spaces
     _comm: Any
@@ -48,43 +40,43 @@ class Layout:
     _pressure: tuple[Any, Any] | None  # its dofs by cell, and its basis at the cell's nodes
 
     @classmethod
-    def of(cls, device: Device, spaces: Spaces) -> Layout:
+    def of(cls, domain: Domain, spaces: Spaces) -> Layout:
         """Gather the mesh of a device (collective)."""
-        mesh, W, comm = device.mesh, spaces.W, device.mesh.comm
-        name = compat.cell_name(mesh)
+        mesh, W, comm = domain.mesh, spaces.W, domain.mesh.comm
+        name, axes = compat.cell_name(mesh), domain.device.kinematics.dim
         cell = Cell(name, spaces.order)
-        vtk = _VTK[name, spaces.order]
-        spaces_of = (W.sub(0).sub(0), W.sub(0).sub(1), W.sub(1))
-        dofs = tuple(compat.cell_dofs(V)[:, vtk] for V in spaces_of)
-        nodes = compat.cell_nodes(mesh)[:, _VTK[name, 1]]
+        spaces_of = (*(W.sub(0).sub(k) for k in range(axes)), W.sub(1))
+        dofs = tuple(compat.cell_dofs(V)[:, cell.basix_order] for V in spaces_of)
         pressure = None
         if spaces.pressure_element is not None:
             basis = compat.tabulate(spaces.pressure_element, cell.nodes)
             pressure = (compat.cell_dofs(W.sub(2)), basis)
-        corners = np.asarray(mesh.geometry.x[nodes][..., :2])
+        geometry = compat.cell_nodes(mesh)
+        shape = Cell(name, compat.geometry_order(mesh))
+        at = mesh.geometry.x[geometry[:, shape.basix_order]][..., :axes]
+        nodes = np.asarray(shape.shape(cell.nodes)[0] @ at)
         owned = compat.local_cells(mesh)
         original = compat.original_cells(mesh)[:owned]
         index_map = W.dofmap.index_map
-        numbers = index_map.local_to_global(dofs[2][:owned].ravel().astype(np.int32))
+        numbers = index_map.local_to_global(dofs[-1][:owned].ravel().astype(np.int32))
         parts = comm.gather(
             (
                 original,
                 np.asarray(numbers).reshape(owned, -1),
-                corners[:owned],
-                device.region_of_cell[:owned],
+                nodes[:owned],
+                domain.region_of_cell[:owned],
             ),
             root=0,
         )
         order, whole = None, None
         if comm.rank == 0:
-            cells, global_nodes, xy, region = (
+            cells, global_nodes, x, region = (
                 np.concatenate([p[k] for p in parts]) for k in range(4)
             )
             order = np.argsort(cells)
-            whole = ResultMesh.number(
-                cell, global_nodes[order], xy[order], region[order], tuple(REGION_IDS)
-            )
-        return cls(cell, corners, whole, spaces, comm, dofs, owned, order, original, pressure)
+            names = tuple(r.name for r in domain.device.regions)
+            whole = ResultMesh.number(cell, global_nodes[order], x[order], region[order], names)
+        return cls(cell, nodes, whole, spaces, comm, dofs, owned, order, original, pressure)
 
     def local(self) -> Floats:
         """Nodal values of the local cells, ghosts included: (cells, nodes, columns)."""
@@ -106,7 +98,7 @@ class Layout:
         nodal = self.mesh.to_nodes(by_cell)
         if self._pressure is not None:
             every = np.arange(len(self.mesh.cells))  # nodes are split where regions meet
-            self.mesh.average({"p": by_cell[..., 3]}, every, {"p": nodal[:, 3]})
+            self.mesh.average({"p": by_cell[..., -1]}, every, {"p": nodal[:, -1]})
         return nodal
 
     def gather_cells(self, values: Floats) -> Floats | None:
@@ -128,6 +120,6 @@ class Layout:
             w.x.array[dofs[: self._owned]] = by_cell[self._original][..., k]
         if self._pressure is not None:
             dofs, basis = self._pressure
-            fitted = by_cell[self._original][..., 3] @ np.linalg.pinv(basis).T
+            fitted = by_cell[self._original][..., -1] @ np.linalg.pinv(basis).T
             w.x.array[dofs[: self._owned]] = fitted
         w.x.scatter_forward()

@@ -13,6 +13,7 @@ from petsc4py import PETSc
 
 import numpy as np
 
+from dealib.device.records import CHAMBER, MOUNT, TERMINAL
 from dealib.errors import NotConverged
 from dealib.fem.compat import DIVERGED_NAN, free
 from dealib.fem.constraints import FIELDS
@@ -48,11 +49,9 @@ class Scales:
     @classmethod
     def of(cls, problem: Problem) -> Scales:
         """Characteristic sizes of a problem."""
-        p = problem.config.physics
-        g = problem.config.geometry
-        air = 2 * math.pi * g.outer_radius * max(g.air_height, 1.0) * p.air_stiffness
-        volume = math.pi * (g.outer_radius**2 - g.inner_radius**2) * g.film_thickness
-        return cls(problem.force_scale, problem.charge_scale, air, volume)
+        sizes, stiffness = problem.domain.sizes, problem.config.physics.air_stiffness
+        air = sizes.around * max(sizes.height, 1.0) * stiffness
+        return cls(problem.force_scale, problem.charge_scale, air, sizes.volume)
 
     def array(self) -> Any:
         """In the order of `FIELDS`."""
@@ -75,18 +74,20 @@ class Newton:
     """
 
     def __init__(self, problem: Problem, timings: Timings, symmetric: bool = True) -> None:
-        free(problem.device.comm)  # what earlier simulations left
+        free(problem.domain.comm)  # what earlier simulations left
         self.system = System(problem, timings)
         self.timings = timings
         self.iterations = self.linear_iterations = self.total = 0
         solver = problem.config.solver
         self._tolerance = solver.tolerance * Scales.of(problem).array()
         self._port_tolerance = solver.tolerance
-        thickness = problem.config.geometry.film_thickness
-        modulus = problem.config.materials.film.shear_modulus_at_rest
+        scale = dict(zip((MOUNT, TERMINAL, CHAMBER), self._tolerance[[0, 1, 3]], strict=True))
+        self._dual_tolerance = {p.name: scale[p.kind] for p in problem.device.ports}
+        thickness = problem.domain.sizes.thickness
+        modulus = problem.config.film.shear_modulus_at_rest
         # mm, kV, mm, MPa
         self._step_tolerance = _STEP * np.array([thickness, 1.0, thickness, modulus])
-        self._snes = PETSc.SNES().create(problem.device.comm)
+        self._snes = PETSc.SNES().create(problem.domain.comm)
         self._snes.setFunction(_weak(self._residual), self.system.residual_vector)
         self._snes.setJacobian(_weak(self._tangent), self.system.matrix)
         self._snes.setConvergenceTest(_weak(self._test))
@@ -133,37 +134,37 @@ class Newton:
         """Time in symbolic and numeric factorisations and back-substitutions since the start."""
         return factorisation_seconds() - self._logged
 
-    def capacitance(self) -> float:
-        """Small-signal capacitance at 0 V with the body frozen, nF.
+    def capacitance(self, port: str) -> float:
+        """Small-signal capacitance of the one terminal at 0 V with the body frozen, nF.
 
         One back-substitution with the last tangent gives a trial potential for a unit test
         voltage; the electric energy is stationary in it, so its error enters squared.
         """
         system, problem = self.system, self.system.problem
-        q, w = system.q, problem.spaces.w
+        q = system.q
         if not self._factored:
             system.residual(q, system.residual_vector)
             self._tangent(self._snes, q, system.matrix, system.matrix)
             self._snes.getKSP().setOperators(system.matrix)
         unit, response = q.duplicate(), q.duplicate()
         unit.set(0.0)
-        system.map.set_port(unit, "terminal", 1.0)
+        system.map.set_port(unit, port, 1.0)
         system.eliminate(unit)
         self._snes.getKSP().solve(unit, response)
-        volts = system.map.port_values(response)["terminal"]
+        volts = system.map.port_values(response)[port]
         trial = q.copy()
         fields = system.map.field == FIELDS.index("potential")
         trial.array[: len(fields)][fields] = response.array_r[: len(fields)][fields] / volts
-        system.map.set_port(trial, "terminal", 1.0)
-        system.map.expand(trial, w)
+        system.map.set_port(trial, port, 1.0)
+        system.expand(trial)
         energy = problem.integrate("electric")
-        system.map.expand(q, w)
+        system.expand(q)
         return -2 * energy
 
     def responses(self) -> list[Any]:
-        """How the state follows each port, at unit rate and the other port held (collective).
+        """How the state follows each port, at unit rate and the others held (collective).
 
-        Both ports must have prescribed values. One tangent, one back-substitution a port.
+        All ports must have prescribed values. One tangent, one back-substitution a port.
         """
         system = self.system
         system.residual(system.q, system.residual_vector)
@@ -194,7 +195,8 @@ class Newton:
         """
         system = self.system
         mine = sum(len(system.map.numbers(field)) for field in ("potential", "pressure"))
-        concave = system.map.comm.allreduce(mine) + (system.ports["terminal"].value is None)
+        free = (p for p in system.problem.device.ports if system.ports[p.name].value is None)
+        concave = system.map.comm.allreduce(mine) + sum(p.kind.sign < 0 for p in free)
         return int(self.inertia()[0] - concave)
 
     def response(self, port: str) -> Any:
@@ -235,8 +237,8 @@ class Newton:
             shown = [*zip(FIELDS, self._norms, strict=True), *ports.items()]
             log.debug("  %2d  %s", iteration, "  ".join(f"{k} {abs(v):.1e}" for k, v in shown))
         limits = {
-            name: self._port_tolerance if law.value is not None else self._tolerance[i]
-            for i, (name, law) in enumerate(self.system.ports.items())
+            name: self._port_tolerance if law.value is not None else self._dual_tolerance[name]
+            for name, law in self.system.ports.items()
         }
         if all(abs(ports[n]) <= limits[n] for n in ports):
             if (self._norms <= self._tolerance).all():

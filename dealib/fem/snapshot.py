@@ -1,7 +1,8 @@
-"""A converged state, with what is derived from it once for all measures."""
+"""A converged state, with what is derived from it once for all quantities."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -10,140 +11,204 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dealib.fem.differential import capacitances, port_stiffness
-from dealib.fem.film import FilmPoints
+from dealib.config.schema import Config
+from dealib.device.device import Device
+from dealib.device.records import TERMINAL, Port
+from dealib.fem.differential import capacitance_matrix, condensed, port_stiffness
+from dealib.fem.films import FilmPoints
 from dealib.fem.newton import Newton
 from dealib.fem.viscous import Viscosity
 from dealib.results import local
 from dealib.results.electrodes import Rings
-from dealib.results.margins import principal_stretch
+from dealib.results.elements import Array
+from dealib.results.margins import Film, principal_stretch
 
 
 @dataclass(frozen=True)
-class Peak:
-    """The largest value of a quantity of the film, and where.
+class Extremum:
+    """The largest value of a quantity of the films, and where.
 
     Attributes:
         value: The value.
-        R: Radius in the mesh, mm.
-        Z: Height in the mesh, mm.
+        at: Position in the mesh, by axis, mm.
     """
 
     value: float
-    R: float
-    Z: float
+    at: tuple[float, ...]
+
+
+class FilmState:
+    """One film in a state.
+
+    Attributes:
+        film: Material and reference values.
+        points: Its Gauss points.
+        k: Deformation and field there.
+
+    Args:
+        points: Its Gauss points.
+        viscosity: State of Maxwell branches, if there are some.
+    """
+
+    def __init__(self, points: FilmPoints, viscosity: Viscosity | None) -> None:
+        self.points, self.film, self._viscosity = points, points.film, viscosity
+        self._nodal = points.nodal()
+        self.k: local.Deformation = points.points.deformation(self._nodal)
+
+    @cached_property
+    def total(self) -> Array:
+        """Deformation gradient since the unstretched state."""
+        return np.asarray(self.k.F * self.film.material.stretch)
+
+    @cached_property
+    def principal_stretch(self) -> Array:
+        """Largest principal stretch at the points."""
+        return principal_stretch(self.total)
+
+    @cached_property
+    def tensions(self) -> Array:
+        """In-plane true stresses, averaged through the thickness of a layer (collective)."""
+        internal = None
+        if self._viscosity is not None:
+            internal = self._viscosity.of_cells(self.points.group.name, self.points.cells)
+        return self.points.tensions(self.k, self._nodal, internal)
+
+    @property
+    def thickness_stretch(self) -> Array:
+        """Ratio of the thickness to the unstretched one, 1 / |F^-T e_n|."""
+        m = self.film.material
+        length = np.linalg.norm(self.k.inverse[..., m.normal, :], axis=-1)
+        return np.asarray(m.stretch[m.normal] / length)
+
+    @property
+    def positions(self) -> Array:
+        """Position of each value of `tensions` in the mesh, (..., axes), mm."""
+        columns = self.points.columns
+        if columns is None:
+            return self.points.points.position
+        at = np.zeros((len(columns.middles), 2))
+        at[:, 1 - self.film.material.normal] = columns.middles
+        return at
 
 
 @dataclass
 class Snapshot:
-    """A converged state, for the functions below.
+    """A converged state.
 
     Attributes:
         newton: The solver.
-        points: The film's Gauss points.
+        films: The films' Gauss points.
         viscosity: State of the Maxwell branches, if there are some.
         peaks: Where the margins are smallest, as far as they have been measured.
     """
 
     newton: Newton
-    points: FilmPoints
+    films: tuple[FilmPoints, ...]
     viscosity: Viscosity | None = None
-    peaks: dict[str, Peak] = field(default_factory=dict)
+    peaks: dict[str, Extremum] = field(default_factory=dict)
 
-    @cached_property
-    def ports(self) -> dict[str, float]:
-        """Values of the ports: mount displacement in mm, terminal voltage in kV."""
-        system = self.newton.system
-        return system.map.port_values(system.q)
+    @property
+    def config(self) -> Config:
+        """The config."""
+        return self.newton.system.problem.config
 
-    def dual(self, port: str) -> float:
-        """Force on the mount (N), charge on the terminal (uC)."""
-        sign = {"mount": 1.0, "terminal": -1.0}[port]
-        return sign * self.newton.system.internal[port] + 0.0
-
-    @cached_property
-    def nodal(self) -> Any:
-        """Nodal values of the film's cells on this rank."""
-        return self.points.nodal()
-
-    @cached_property
-    def film(self) -> local.Kinematics:
-        """Deformation and field of the film at the Gauss points of this rank's cells."""
-        return self.points.points.kinematics(self.nodal[..., :2], self.nodal[..., 2])
-
-    @cached_property
-    def film_total(self) -> Any:
-        """Deformation gradient of the film since its unstretched state."""
-        return self.film.F * self.newton.system.problem.prestretch.value
-
-    @cached_property
-    def tensions(self) -> Any:
-        """In-plane true stresses of the film, averaged through its thickness, (columns, 2)."""
-        mixed = self.nodal.shape[-1] > 3
-        pressure = self.nodal[..., 3] @ self.points.points.N.T if mixed else None
-        viscosity, cells = self.viscosity, self.points.cells
-        internal = None if viscosity is None else viscosity.of_cells("film", cells)
-        return self.points.tensions(self.film, pressure, internal)
-
-    @cached_property
-    def principal_stretch(self) -> Any:
-        """Largest principal stretch at the points."""
-        return principal_stretch(self.film_total)
+    @property
+    def device(self) -> Device:
+        """The device."""
+        return self.newton.system.problem.device
 
     @property
     def comm(self) -> Any:
         """MPI communicator."""
         return self.newton.system.map.comm
 
-    @property
-    def limits(self) -> Any:
-        """The config's limits."""
-        return self.newton.system.problem.config.limits
+    # --- ports -----------------------------------------------------------------------------------
 
-    @property
-    def sensing(self) -> Any:
-        """The config's section."""
-        return self.newton.system.problem.config.sensing
+    def primal(self, port: Port) -> float:
+        """Value of a port: displacement (mm), voltage (kV), pressure (MPa)."""
+        return self.newton.system.values[port.name]
+
+    def dual(self, port: Port) -> float:
+        """Its dual: force (N), charge (uC), displaced volume (mm^3)."""
+        return port.kind.sign * self.newton.system.internal[port.name] + 0.0
+
+    def energy(self, name: str) -> float:
+        """Energy of the body, 'elastic', or of the field, 'electric', mJ."""
+        found = self.newton.system.problem.integrate(name)
+        if name == "electric":
+            return 0.0 - found
+        return found + (0.0 if self.viscosity is None else self.viscosity.stored)
+
+    def capacitance(self, port: Port) -> float:
+        """Q/V of the one terminal, nF; at 0 V by a unit test voltage with the body frozen."""
+        volts = self.primal(port)
+        small = 1e-6 * self.newton.system.problem.domain.sizes.thickness  # 1e-6 kV/mm
+        if abs(volts) > small:
+            return self.dual(port) / volts
+        return self.newton.capacitance(port.name)
 
     @cached_property
-    def capacitance(self) -> float:
-        """Q/V, nF; at 0 V by a unit test voltage with the body frozen."""
-        volts = self.ports["terminal"]
-        small = 1e-6 * self.newton.system.problem.config.geometry.film_thickness  # 1e-6 kV/mm
-        return self.dual("terminal") / volts if abs(volts) > small else self.newton.capacitance()
+    def capacitances(self) -> dict[tuple[str, str], float]:
+        """Charge on each of several terminals at unit voltage of another one, nF."""
+        names = [port.name for port in self.device.of(TERMINAL)]
+        found = capacitance_matrix(self.newton)
+        return {(a, b): found[i, j] for i, a in enumerate(names) for j, b in enumerate(names)}
 
     @cached_property
-    def port_stiffness(self) -> Any:
+    def stiffness(self) -> Array:
         """See `differential.port_stiffness`."""
         return port_stiffness(self.newton)
 
-    @property
-    def capacitances(self) -> tuple[float, float]:
-        """dQ/dV with the mount as it is driven, and at constant displacement, nF."""
-        mount = self.newton.system.ports["mount"]
-        return capacitances(self.port_stiffness, mount, self.ports["mount"])
+    def slope(self, port: Port, blocked: bool) -> float:
+        """Small-signal change of the dual with the value, the other ports blocked or as driven."""
+        system = self.newton.system
+        if blocked:
+            k = list(system.ports).index(port.name)
+            return port.kind.sign * float(self.stiffness[k, k])
+        return port.kind.sign * condensed(self.stiffness, system.ports, system.values, port.name)
+
+    # --- films -----------------------------------------------------------------------------------
+
+    @cached_property
+    def states(self) -> tuple[FilmState, ...]:
+        """The films in this state."""
+        return tuple(FilmState(points, self.viscosity) for points in self.films)
+
+    def largest(self, values: Iterable[Any]) -> float:
+        """Maximum over all values and ranks."""
+        mine = max((float(v.max()) for v in values if v.size), default=-np.inf)
+        return float(self.comm.allreduce(mine, op=MPI.MAX))
+
+    def peak(self, name: str, of: Callable[[FilmState], Any]) -> float:
+        """Maximum over all films and ranks of values at the points, and remember where."""
+        mine = (-np.inf, (0.0,) * self.device.kinematics.dim)
+        for state in self.states:
+            values = of(state)
+            on_columns = values.ndim == 1
+            where = state.positions if on_columns else state.points.points.position
+            if values.size:
+                k = int(values.argmax())
+                at = tuple(map(float, where.reshape(-1, where.shape[-1])[k]))
+                mine = max(mine, (float(values.ravel()[k]), at))
+        self.peaks[name] = Extremum(*max(self.comm.allgather(mine)))
+        return self.peaks[name].value
+
+    def film_has(self, what: Callable[[Film], bool]) -> bool:
+        """Whether a film has a property."""
+        return any(what(points.film) for points in self.films)
+
+    # --- electrodes ------------------------------------------------------------------------------
 
     @cached_property
     def rings(self) -> Rings:
-        """The film in rings, with the device's capacitance shared out by area over thickness."""
-        return self.points.rings(self.film, self.capacitance)
+        """The one film in rings, with the device's capacitance shared out by area and thickness."""
+        (port,) = self.device.of(TERMINAL)
+        return self.films[0].rings(self.states[0].k, self.capacitance(port))
 
     @property
-    def resistances(self) -> Any:
+    def resistances(self) -> Array:
         """Of the rings of one electrode, Gohm."""
-        return self.rings.resistances(self.sensing.sheet_resistance, self.sensing.area_exponent)
-
-    def largest(self, values: Any) -> float:
-        """Maximum over all ranks."""
-        mine = float(values.max()) if values.size else -np.inf
-        return float(self.comm.allreduce(mine, op=MPI.MAX))
-
-    def peak(self, name: str, values: Any) -> float:
-        """Maximum over all ranks of values at the film's points, and remember where."""
-        mine = (-np.inf, 0.0, 0.0)
-        if values.size:
-            k = int(values.argmax())
-            R, Z = self.points.points.position.reshape(-1, 2)[k]
-            mine = (float(values.ravel()[k]), float(R), float(Z))
-        self.peaks[name] = Peak(*max(self.comm.allgather(mine)))
-        return self.peaks[name].value
+        sensing, base = self.config.sensing, self.device.laminate
+        assert base is not None
+        assert sensing.sheet_resistance is not None
+        return self.rings.resistances(sensing.sheet_resistance, sensing.area_exponent, base.base)

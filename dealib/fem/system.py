@@ -20,7 +20,7 @@ from dealib.fem.constraints import FIELDS
 from dealib.fem.problem import Problem
 
 
-class Device(Protocol):
+class Element(Protocol):
     """What loads a port by its value, such as a spring."""
 
     def load(self, x: float) -> tuple[float, float]:
@@ -34,14 +34,14 @@ class PortLaw:
     Attributes:
         value: Prescribed value of the port; None if it is loaded instead.
         load: Load that does not depend on the port's value.
-        devices: What else loads it, each with the value that is its anchor.
+        elements: What else loads it, each with the value that is its anchor.
         weights: Weights of the ports' values. In place of the port's own value their sum is
             prescribed; of a loaded port the sum is taken from the load.
     """
 
     value: float | None = None
     load: float = 0.0
-    devices: tuple[tuple[Device, float], ...] = ()
+    elements: tuple[tuple[Element, float], ...] = ()
     weights: tuple[tuple[str, float], ...] = ()
 
     @property
@@ -51,7 +51,7 @@ class PortLaw:
 
     def balance(self, q: float) -> tuple[float, float]:
         """The whole load at a value of the port, and its slope."""
-        found = [device.load(q - anchor) for device, anchor in self.devices]
+        found = [element.load(q - anchor) for element, anchor in self.elements]
         return self.load + sum(load for load, _ in found), sum(slope for _, slope in found)
 
     def residual(self, name: str, values: dict[str, float], internal: float) -> float:
@@ -106,7 +106,9 @@ class System:
         if problem.mesh_motion:
             self._parts.append(("mesh_residual", "mesh_tangent", self.map.mesh_rows))
         with timings("forms"):
-            assembled = (name for part in self._parts for name in part[:2])
+            assembled = [name for part in self._parts for name in part[:2]]
+            for port in problem.values:
+                assembled += [f"dual {port}", f"column {port}"]
             for name in ("elastic", "electric", *assembled):
                 problem.form(name)
             self._local = compat.create_vector(problem.spaces.W, self.map.comm)
@@ -120,19 +122,31 @@ class System:
     def residual(self, q: Any, out: Any) -> None:
         """Assemble r(q), with the port equations in their rows."""
         with self.timings("assembly"):
-            self.map.expand(q, self.problem.spaces.w)
+            self.expand(q)
             out.set(0.0)
             for form, _, rows in self._parts:
-                with self._local.localForm() as local:
-                    local.set(0.0)
-                fem_petsc.assemble_vector(self._local, self.problem.form(form))
-                with self._local.localForm() as local:
-                    used = rows >= 0
-                    out.setValues(rows[used], local.array_r[used], addv=PETSc.InsertMode.ADD_VALUES)
-                out.assemble()
+                self._add_vector(out, form, rows)
             self.internal, self.values = self.map.port_values(out), self.map.port_values(q)
+            for name in self.problem.values:
+                self.internal[name] = self.problem.integrate(f"dual {name}")
             for name, law in self.ports.items():
                 self.map.set_port(out, name, law.residual(name, self.values, self.internal[name]))
+
+    def expand(self, q: Any) -> None:
+        """Set the problem's state from reduced unknowns."""
+        self.map.expand(q, self.problem.spaces.w)
+        if self.problem.values:
+            self.problem.set_values(self.map.port_values(q))
+
+    def _add_vector(self, out: Any, form: str, rows: Any) -> None:
+        """Assemble a linear form into reduced rows."""
+        with self._local.localForm() as local:
+            local.set(0.0)
+        fem_petsc.assemble_vector(self._local, self.problem.form(form))
+        with self._local.localForm() as local:
+            used = rows >= 0
+            out.setValues(rows[used], local.array_r[used], addv=PETSc.InsertMode.ADD_VALUES)
+        out.assemble()
 
     def field_norms(self, vector: Any) -> npt.NDArray[np.float64]:
         """Euclidean norm of a reduced vector by field, without the ports."""
@@ -177,6 +191,10 @@ class System:
             row, column = self.map.ports[name], self.map.ports[port]
             matrix.setValue(row, column, weight, addv=PETSc.InsertMode.ADD_VALUES)
 
+    def column(self, port: str) -> Any:
+        """Column of a prescribed port that the last tangent has lost."""
+        return self._eliminated[port]
+
     def _column(self, matrix: Any, port: str) -> Any:
         unit, column = self.q.duplicate(), self.q.duplicate()
         unit.set(0.0)
@@ -204,6 +222,22 @@ class System:
             fem_petsc.assemble_matrix(matrix, self.problem.form(form))
         matrix.assemblyBegin(PETSc.Mat.AssemblyType.FLUSH)
         matrix.assemblyEnd(PETSc.Mat.AssemblyType.FLUSH)
+        for port in self.problem.values:
+            self._add_border(matrix, port)
+
+    def _add_border(self, matrix: Any, port: str) -> None:
+        """Add the row and the column of a port that no degree of freedom follows."""
+        column = self.q.duplicate()
+        column.set(0.0)
+        self._add_vector(column, f"column {port}", self.map.physical)
+        start, end = column.getOwnershipRange()
+        mine = np.flatnonzero(column.array_r)
+        rows, index = (start + mine).astype(np.int32), np.array([self.map.ports[port]], np.int32)
+        values, add = column.array_r[mine], PETSc.InsertMode.ADD_VALUES
+        matrix.setValues(rows, index, values, addv=add)
+        matrix.setValues(index, rows, values, addv=add)
+        matrix.assemblyBegin(PETSc.Mat.AssemblyType.FLUSH)
+        matrix.assemblyEnd(PETSc.Mat.AssemblyType.FLUSH)
 
     def _create_matrix(self) -> Any:
         """The reduced matrix with just the entries that can be other than zero.
@@ -215,7 +249,7 @@ class System:
         saved = w.x.array.copy()
         index_map = self.problem.spaces.W.dofmap.index_map
         local = np.concatenate([np.arange(*index_map.local_range), index_map.ghosts])
-        size = 1e-9 * self.problem.config.geometry.film_thickness
+        size = 1e-9 * self.problem.domain.sizes.thickness
         w.x.array[:] = size * (1 + np.sin(1e3 * local))
         owned = self.map.owned
         loose = PETSc.Mat().createAIJ(((owned, None), (owned, None)), comm=self.map.comm)
@@ -238,7 +272,8 @@ class System:
         A row that outgrows its bound makes PETSc copy the whole matrix, again and again.
         """
         owned, ports = self.map.owned, len(self.map.ports)
-        here = np.full(owned, 96 if self.problem.spaces.order == 2 else 48, dtype=np.int32)
+        many = {2: (48, 96), 3: (120, 600)}[self.problem.domain.dim]
+        here = np.full(owned, many[self.problem.spaces.order - 1], dtype=np.int32)
         elsewhere = here.copy()
         if self.map.comm.rank == 0:
             here[-ports:] = owned

@@ -12,12 +12,12 @@ import numpy as np
 
 from dealib.fem import compat
 from dealib.fem.branches import SIZE
-from dealib.fem.device import KINDS
 from dealib.fem.layout import Layout
+from dealib.fem.problem import Problem
 from dealib.materials import evolution
 from dealib.materials.branches import Branch
 from dealib.results import local
-from dealib.results.elements import Array, Cell
+from dealib.results.elements import Array, Cell, determinant
 
 _INSTANT = 1e-12  # s, in which nothing relaxes
 
@@ -27,6 +27,7 @@ class _Part:
 
     Attributes:
         cells: Local cells.
+        points: Their quadrature points.
         branches: The branches.
         fresh: Whether they carry the pre-stretch at the start.
         volume: Mesh volume of each quadrature point, (cells, points), mm^3; 0 in ghosts.
@@ -38,8 +39,15 @@ class _Part:
 
     fresh = False
 
-    def __init__(self, cells: Any, branches: tuple[Branch, ...], volume: Array, prestretch: Any):
-        self.cells, self.volume, self.prestretch = cells, volume, prestretch
+    def __init__(
+        self,
+        cells: Any,
+        points: local.Points,
+        branches: tuple[Branch, ...],
+        volume: Array,
+        prestretch: Any,
+    ) -> None:
+        self.cells, self.points, self.volume, self.prestretch = cells, points, volume, prestretch
         self.branches = branches
         self.C = np.tile(evolution.IDENTITY, (*volume.shape, 1))
         self.internal = np.tile(self.C, (len(branches), 1, 1, 1))
@@ -110,22 +118,28 @@ class Viscosity:
         layout: Its layout.
     """
 
-    def __init__(self, problem: Any, layout: Layout) -> None:
+    def __init__(self, problem: Problem, layout: Layout) -> None:
         self._problem, self._layout = problem, layout
-        self._mesh, self._terms = problem.device.mesh, problem.terms
+        self._mesh, self._terms = problem.domain.mesh, problem.terms
         self._points, weights = compat.quadrature(self._mesh, problem.degree)
-        volume = _volumes(layout, self._points, weights)
-        volume[compat.local_cells(self._mesh) :] = 0
+        every = problem.domain.all_cells
+        volume = np.zeros((len(every), len(weights)))
+        owned = slice(compat.local_cells(self._mesh))
+        volume[owned] = _volumes(problem, layout.nodes[owned], layout.cell, self._points, weights)
         self._parts: dict[str, _Part] = {}
-        m = problem.config.materials
-        for kind, law in (("film", m.film), ("electrodes", m.electrode)):
-            cells = problem.device.cells(*KINDS[kind])
-            if kind in problem.device.kinds and law is not None and law.branches:
-                stretch = problem.prestretch if kind == "film" else None
-                self._parts[kind] = _Part(cells, law.branches, volume[cells], stretch)
-            if kind == "film" and kind in self._parts and m.film.mounted == "fresh":
-                self._parts[kind].fresh = True
-                self._write(self._parts[kind], _INSTANT)
+        for group in problem.groups:
+            material = problem.config.materials.get(group.material)
+            if material is None or not material.branches:
+                continue
+            cells = problem.domain.cells(*group.regions)
+            points = local.Points.of(
+                problem.kinematics, layout.cell, layout.nodes[cells], self._points
+            )
+            part = _Part(cells, points, material.branches, volume[cells], group.prestretch)
+            self._parts[group.name] = part
+            if material.mounted == "fresh":
+                part.fresh = True
+                self._write(part, _INSTANT)
         self._dt = 0.0
         self._ends: list[tuple[_Part, Array, Array]] | None = None
         self.dissipated = 0.0
@@ -211,7 +225,7 @@ class Viscosity:
         fewer branches than others is 1.
         """
         count = max(len(p.branches) for p in self._parts.values())
-        shape = (len(self._layout.corners), len(self._points), count, 4)
+        shape = (len(self._layout.nodes), len(self._points), count, 4)
         values = np.tile(evolution.IDENTITY, (*shape[:-1], 1))
         for part in self._parts.values():
             values[part.cells, :, : len(part.branches)] = np.moveaxis(part.internal, 0, 2)
@@ -220,16 +234,16 @@ class Viscosity:
             return None
         return np.asarray(whole[local.branch_cells(self._problem.config, self._layout.mesh)])
 
-    def of_cells(self, kind: str, cells: Any) -> Array | None:
+    def of_cells(self, group: str, cells: Any) -> Array | None:
         """C_i at the Gauss points of local cells, (cells, points, branches, 4).
 
         Args:
-            kind: Kind of their region; None is returned if it has no branches.
+            group: Their group of regions; None is returned if it has no branches.
             cells: The cells.
         """
-        if kind not in self._parts:
+        if group not in self._parts:
             return None
-        part = self._parts[kind]
+        part = self._parts[group]
         order = np.argsort(part.cells)
         index = order[np.searchsorted(part.cells, cells, sorter=order)]
         return self.at_gauss(np.moveaxis(part.internal[:, index], 0, 2))
@@ -259,13 +273,8 @@ class Viscosity:
         """Each part with the isochoric metric of the current state."""
         nodal = self._layout.local()
         for part in self._parts.values():
-            here = nodal[part.cells]
-            k = local.kinematics(
-                *(self._layout.cell, self._layout.corners[part.cells], self._points),
-                *(here[..., :2], here[..., 2]),
-            )
-            F = k.F if part.prestretch is None else k.F @ np.diag(part.prestretch.value)
-            yield part, evolution.isochoric(F)
+            F = part.points.deformation(nodal[part.cells]).F
+            yield part, evolution.isochoric(F if part.prestretch is None else F * part.prestretch.value)
 
     def _reached(self) -> list[tuple[_Part, Array, Array]]:
         """Each part with its metric and C_i at the current state, found once a step."""
@@ -277,9 +286,10 @@ class Viscosity:
         return float(self._mesh.comm.allreduce(mine, op=MPI.SUM))
 
 
-def _volumes(layout: Layout, points: Array, weights: Array) -> Array:
-    """Mesh volume of the points of all local cells: 2 pi R dR dZ, (cells, points)."""
-    linear = Cell(layout.cell.name, 1)
-    N, dN = linear.shape(points)
-    area = np.linalg.det(np.swapaxes(layout.corners, 1, 2)[:, None] @ dN)
-    return np.asarray(2 * np.pi * (N @ layout.corners)[..., 0] * np.abs(area) * weights)
+def _volumes(problem: Problem, nodes: Array, cell: Cell, points: Array, weights: Array) -> Array:
+    """Volume of the device at the points of cells, (cells, points), mm^3."""
+    N, dN = cell.shape(points)
+    jacobian = np.swapaxes(nodes, 1, 2)[:, None] @ dN
+    return np.asarray(
+        problem.kinematics.volumes(N @ nodes) * np.abs(determinant(jacobian)) * weights
+    )

@@ -11,11 +11,11 @@ import numpy as np
 
 from dealib.config.bias import Bistable, Sampled, Table
 from dealib.config.case import Case
-from dealib.config.program import MountInput, Stage
+from dealib.config.program import MountInput, Stage, TerminalInput
+from dealib.device.records import MOUNT, TERMINAL
 from dealib.errors import ConfigError, NotConverged
 from dealib.fem.system import PortLaw
-from dealib.program.bias import second_film
-from dealib.program.inputs import law, mount_drives
+from dealib.program.inputs import drives, law
 from dealib.program.simulation import Simulation
 from dealib.results.bias import BiasChart, Equilibrium, crossings
 
@@ -55,10 +55,8 @@ def chart(
         raise ConfigError("the program applies no voltage; give one with --voltage")
     case = _in_the_long_run(case)
     simulation = Simulation(case)
-    drives = mount_drives(
-        given, 0.0, 0.0, sample=partial(second_film, case.config, simulation.comm)
-    )
-    bias = law(drives, 1.0)
+    (mount,) = case.config.device.of(MOUNT)
+    bias = law(drives(mount, given, 0.0, 0.0, sample=simulation.sample), 1.0)
     low, high = reach or _reach(case, bias, volts)
     curves = _film(case, volts, low, high, points)
     u = np.linspace(low, high, _FINE)
@@ -75,30 +73,30 @@ def chart(
 def _in_the_long_run(case: Case) -> Case:
     """Without Maxwell branches: equilibria are states in which these have relaxed."""
     given = case.config.materials
-    laws = {name: getattr(given, name) for name in ("film", "electrode")}
-    elastic = {k: law and law.model_copy(update={"branches": ()}) for k, law in laws.items()}
-    materials = given.model_copy(update=elastic)
+    materials = {k: law.model_copy(update={"branches": ()}) for k, law in given.items()}
     return replace(case, config=case.config.model_copy(update={"materials": materials}))
 
 
 def _bias(case: Case) -> MountInput:
     for stage in reversed(case.config.program):
-        if stage.mount is not None and stage.mount.displacement is None:
-            return stage.mount
+        for _, _, _, given in stage.inputs:
+            if isinstance(given, MountInput) and given.displacement is None:
+                return given
     raise ConfigError(
         f"{case.path}: no stage loads the mount by bias, spring, mass or force: no chart to draw"
     )
 
 
 def _full_voltage(case: Case) -> float:
-    inputs = [s.terminal.voltage or () for s in case.config.program if s.terminal is not None]
+    given = (item for stage in case.config.program for _, _, _, item in stage.inputs)
+    inputs = [g.voltage or () for g in given if isinstance(g, TerminalInput)]
     return max((v for values in inputs for v in values), key=abs, default=0.0)
 
 
 def _reach(case: Case, bias: PortLaw, volts: float) -> tuple[float, float]:
     """Displacements between which film and bias can meet."""
     ends = [0.0]
-    for element, anchor in bias.devices:
+    for element, anchor in bias.elements:
         if isinstance(element, Bistable):
             ends += [anchor - 1.25 * element.well, anchor + 1.25 * element.well]
         elif isinstance(element, (Table, Sampled)):
@@ -155,7 +153,7 @@ def _film(
     for state in simulation:
         row = state.row
         if row["voltage_kV"] in found:
-            q = simulation.newton.system.q.copy()
+            q = simulation.engine.newton.system.q.copy()
             point = _Point(row["displacement_mm"], row["force_N"], q)
             found[row["voltage_kV"]].setdefault(round(point.displacement, 12), point)
     return {at: (simulation, [p for _, p in sorted(of.items())]) for at, of in found.items()}
@@ -176,15 +174,17 @@ def _exact(
 ) -> Equilibrium:
     """The equilibrium next to where two curves meet, solved with the bias on the mount."""
     stiffness = float(curve(u, 1)) - bias.balance(u)[1]
-    newton = simulation.newton
+    newton = simulation.engine.newton
     system = newton.system
     near = min(points, key=lambda p: abs(p.displacement - u))
     near.q.copy(system.q)
+    device = system.problem.device
+    mount, terminal = (device.of(kind)[0].name for kind in (MOUNT, TERMINAL))
     try:
         for equation in (PortLaw(value=u), bias):
-            system.ports.update(mount=equation, terminal=PortLaw(value=volts))
+            system.ports.update({mount: equation, terminal: PortLaw(value=volts)})
             newton.solve()
-        x, force = system.map.port_values(system.q)["mount"], system.internal["mount"]
+        x, force = system.map.port_values(system.q)[mount], system.internal[mount]
         if abs(x - u) > abs(points[1].displacement - points[0].displacement):
             raise NotConverged("it went to another equilibrium")
         return Equilibrium(volts, x, force, stiffness)

@@ -15,7 +15,7 @@ from ruamel.yaml.error import YAMLError
 
 from dealib.config.case import Case, resolved
 from dealib.errors import ConfigError, DealibError, PlatformError
-from dealib.geometry import model
+from dealib.device import gmsh_model
 from dealib.program.log import LOGGER
 from dealib.results import store
 from dealib.results.checkpoint import Checkpoint, CheckpointFolder
@@ -61,7 +61,7 @@ def prepare(
     if comm.rank == 0:
         try:
             if case.config.mesh.file is not None:  # before anything is overwritten
-                model.check(case.config)
+                gmsh_model.check(case.config)
             if resume:
                 lock = _held(path)
                 saved = _take_up(path, case, info)

@@ -32,7 +32,7 @@ class _TooCoarse(NotConverged):
 
 
 @dataclass
-class Place:
+class StageClock:
     """Where the increments are in a stage.
 
     Attributes:
@@ -51,7 +51,7 @@ class Increments:
         newton: The solver; its `system.q` is the state.
         settings: Targets and limits.
         predictor: Where Newton starts; it lasts over the stages.
-        place: Where the stage is; kept up to date.
+        clock: Where the stage is; kept up to date.
         error: Gives the time integration's error of the increment just solved; None if the states
             do not depend on time.
     """
@@ -61,11 +61,11 @@ class Increments:
         newton: Newton,
         settings: Solver,
         predictor: Predictor,
-        place: Place | None = None,
+        clock: StageClock | None = None,
         error: Callable[[], float] | None = None,
     ) -> None:
         self.newton, self.settings, self.predictor = newton, settings, predictor
-        self.place = Place() if place is None else place
+        self.clock = StageClock() if clock is None else clock
         self.error = error
 
     def run(
@@ -92,42 +92,42 @@ class Increments:
             NotConverged: When an increment has been halved too often; the state is the last
                 converged one.
         """
-        q, place = self.newton.system.q, self.place
+        q, clock = self.newton.system.q, self.clock
         smallest = 0.5**self.settings.max_cuts * targets[0]
-        if place.now == 0:
+        if clock.now == 0:
             self.predictor.start()
         kept = q.copy()
         for target in targets:
-            while place.now < target:
-                left = target - place.now
-                step = left if place.size > 0.75 * left else place.size
-                then = target if step == left else place.now + step
+            while clock.now < target:
+                left = target - clock.now
+                step = left if clock.size > 0.75 * left else clock.size
+                then = target if step == left else clock.now + step
                 inputs = apply(then)
                 try:
                     self._solve(kept, then, inputs)
                     allowed = self._allowed(step)
                 except NotConverged as error:
                     kept.copy(q)
-                    apply(place.now)
-                    place.size = step / 2
+                    apply(clock.now)
+                    clock.size = step / 2
                     if isinstance(error, _TooCoarse):
-                        place.size *= error.factor
-                        smallest = min(smallest, 0.5**self.settings.max_cuts * place.size)
-                    if place.size < smallest or place.size < _SMALLEST * targets[0]:
+                        clock.size *= error.factor
+                        smallest = min(smallest, 0.5**self.settings.max_cuts * clock.size)
+                    if clock.size < smallest or clock.size < _SMALLEST * targets[0]:
                         raise NotConverged(f"{explain(then)} ({error})") from None
-                    log.info("increment to %.6g cut to %.3g: %s", then, place.size, str(error))
+                    log.info("increment to %.6g cut to %.3g: %s", then, clock.size, str(error))
                     continue
                 if too_far(then, step):
                     kept.copy(q)
-                    apply(place.now)
-                    place.size = step / 2
+                    apply(clock.now)
+                    clock.size = step / 2
                     continue
                 self.predictor.add(then, inputs, q)
-                kept, place.now = q.copy(), then
+                kept, clock.now = q.copy(), then
                 if self.newton.iterations <= self.settings.target_iterations:
-                    place.size = 2 * step if step < left else max(place.size, 2 * step)
-                place.size = min(place.size, allowed)
-                log.debug("converged at %.6g of the stage, next %.3g", then, place.size)
+                    clock.size = 2 * step if step < left else max(clock.size, 2 * step)
+                clock.size = min(clock.size, allowed)
+                log.debug("converged at %.6g of the stage, next %.3g", then, clock.size)
                 if then in corners:
                     self.predictor.corner()
                 yield then

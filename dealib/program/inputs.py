@@ -8,12 +8,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from dealib.config.bias import ELEMENT, BiasElement, Element, SecondFilm
-from dealib.config.program import MountInput, Stage, TerminalInput
+from dealib.config.bias import BiasElement, Element, SecondFilm
+from dealib.config.program import ELEMENT, ChamberInput, Gas, Input, MountInput, Stage
+from dealib.device.device import Device
+from dealib.device.records import TERMINAL, Port
 from dealib.fem.system import PortLaw
-from dealib.units import GRAVITY
+from dealib.units import DIMENSIONS, GRAVITY
 
-Kind = Literal["value", "load", "device"]
+Kind = Literal["value", "load", "element"]
+Sample = Callable[[SecondFilm], Element]
 
 
 @dataclass(frozen=True)
@@ -23,10 +26,10 @@ class Drive:
     Attributes:
         label: What the user prescribes, such as 'mount.force'.
         unit: Its unit, for messages.
-        kind: The port's value, its dual, or the anchor of a device is prescribed.
+        kind: The port's value, its dual, or the anchor of an element is prescribed.
         knots: Values at equal distances in time over one cycle.
         sign: From the user's dual to dPi/dq.
-        element: The device.
+        element: The element.
     """
 
     label: str
@@ -34,7 +37,7 @@ class Drive:
     kind: Kind
     knots: tuple[float, ...]
     sign: float = 1.0
-    element: Element | None = None
+    element: Element | Gas | None = None
 
     def at(self, cycle_fraction: float) -> float:
         """The input at a time, in cycles since the stage began."""
@@ -62,7 +65,7 @@ class Drive:
         return cls(**{**plain, "knots": tuple(plain["knots"]), "element": element})
 
 
-Drives = tuple[Drive, ...]  # of one port: a value, or loads and devices that add up
+Drives = tuple[Drive, ...]  # of one port: a value, or loads and elements that add up
 
 
 def law(drives: Drives, cycle_fraction: float) -> PortLaw:
@@ -71,88 +74,112 @@ def law(drives: Drives, cycle_fraction: float) -> PortLaw:
         return PortLaw(value=drives[0].at(cycle_fraction))
     return PortLaw(
         load=sum(d.sign * d.at(cycle_fraction) for d in drives if d.element is None),
-        devices=tuple((d.element, d.at(cycle_fraction)) for d in drives if d.element is not None),
+        elements=tuple((d.element, d.at(cycle_fraction)) for d in drives if d.element is not None),
     )
 
 
-_PLAIN: dict[str, tuple[str, str, Kind, float]] = {
-    "displacement": ("mount.displacement", "mm", "value", 1.0),
-    "force": ("mount.force", "N", "load", 1.0),
-    "voltage": ("terminal.voltage", "kV", "value", 1.0),
-    "charge": ("terminal.charge", "uC", "load", -1.0),
-}
+def _label(port: Port, text: str) -> str:
+    """Such as 'mount.force', or 'mounts.plate.force' where there are several mounts."""
+    head = f"{port.kind.name}s.{port.name}" if port.suffix else port.kind.name
+    return f"{head}.{text}"
 
 
-def plain_drive(variable: str, knots: tuple[float, ...]) -> Drive:
+def plain_drive(port: Port, name: str, knots: tuple[float, ...]) -> Drive:
     """A port variable that is prescribed."""
-    label, unit, kind, sign = _PLAIN[variable]
-    return Drive(label, unit, kind, knots, sign)
+    label, (primal, dual) = _label(port, name), port.kind.variables
+    if name == primal.name:
+        return Drive(label, DIMENSIONS[primal.dimension][0], "value", knots)
+    return Drive(label, DIMENSIONS[dual.dimension][0], "load", knots, port.kind.sign)
 
 
-REST = {
-    "mount": (plain_drive("displacement", (0.0, 0.0)),),
-    "terminal": (plain_drive("voltage", (0.0, 0.0)),),
-}
+def rest(device: Device) -> dict[str, Drives]:
+    """What drives the ports at rest: their values are zero; of floating conductors the charge."""
+    found = {}
+    for port in device.ports:
+        name = (port.kind.dual if port.floating else port.kind.primal).name
+        found[port.name] = (plain_drive(port, name, (0.0, 0.0)),)
+    return found
 
 
-def mount_drives(
-    given: MountInput,
-    displacement: float,
-    force: float,
+def drives(
+    port: Port,
+    given: Input,
+    primal: float,
+    dual: float,
     before: Drives = (),
-    sample: Callable[[SecondFilm], Element] | None = None,
+    sample: Sample | None = None,
 ) -> Drives:
-    """The mount's drives in a stage.
+    """The drives of a port in a stage.
 
     Args:
+        port: The port.
         given: The stage's input.
-        displacement: Of the mount when the stage starts, mm.
-        force: On it then, N.
+        primal: Value of the port when the stage starts.
+        dual: Its dual then.
         before: What drove it before, held.
         sample: Measures a second film.
     """
-    force = _prescribed(before, force)
-    if given.displacement is not None:
-        return (plain_drive("displacement", _from(displacement, given.displacement)),)
-    if given.force is not None:
-        return (plain_drive("force", _from(force, given.force)),)
+    dual = _prescribed(before, dual)
+    name, value = given.given
+    if name in (port.kind.primal.name, port.kind.dual.name):
+        start = primal if name == port.kind.primal.name else dual
+        return (plain_drive(port, name, _from(start, value)),)
+    if isinstance(given, MountInput):
+        return _loaded(port, given, primal, dual, before, sample)
+    assert isinstance(given, ChamberInput)
+    gas = Drive(_label(port, "gas"), "MPa", "element", (0.0, 0.0), element=value)
+    return _released(port, (gas,), primal, dual)
+
+
+def _loaded(
+    port: Port,
+    given: MountInput,
+    displacement: float,
+    force: float,
+    before: Drives,
+    sample: Sample | None,
+) -> Drives:
+    """Drives of a mount that masses, springs or other elements load."""
     if given.mass is not None:
-        return (Drive("mount.mass (as force)", "N", "load", _from(force, _weights(given.mass))),)
+        label = _label(port, "mass (as force)")
+        return (Drive(label, "N", "load", _from(force, _weights(given.mass))),)
     if given.spring is not None:
         anchor = displacement + force / given.spring.stiffness
-        new = Drive("mount.spring.anchor", "mm", "device", (), element=given.spring)
+        label = _label(port, "spring.anchor")
+        new = Drive(label, "mm", "element", (), element=given.spring)
         if before and _same(before[0], new):
             anchor = before[0].knots[-1]
         return (replace(new, knots=_from(anchor, given.spring.anchor)),)
     assert given.bias is not None
-    drives = tuple(_bias(i, part, before, sample) for i, part in enumerate(given.bias))
-    # what holds the mount when the stage starts lets go of it over the stage
-    hand = force - law(drives, 0.0).balance(displacement)[0]
-    if abs(hand) <= 1e-9 * abs(force):
-        return drives
-    return (*drives, Drive(_HAND, "N", "load", (hand, 0.0)))
+    parts = enumerate(given.bias)
+    found = tuple(_bias(port, i, part, before, sample) for i, part in parts)
+    return _released(port, found, displacement, force)
 
 
-_HAND = "mount.bias (not yet released)"
+def _released(port: Port, new: Drives, primal: float, dual: float) -> Drives:
+    """Drives, and what held the port when the stage began: it is ramped to zero."""
+    internal = port.kind.sign * dual
+    hand = internal - law(new, 0.0).balance(primal)[0]
+    if abs(hand) <= 1e-9 * abs(internal):
+        return new
+    label = _label(port, "bias (not yet released)")
+    return (*new, Drive(label, DIMENSIONS[port.kind.dual.dimension][0], "load", (hand, 0.0)))
 
 
 def _bias(
-    index: int,
-    part: BiasElement,
-    before: Drives,
-    sample: Callable[[SecondFilm], Element] | None,
+    port: Port, index: int, part: BiasElement, before: Drives, sample: Sample | None
 ) -> Drive:
     """One element; it moves on from where it was if it was there before."""
     (path, knots), (_, given) = part.polyline, part.given
-    label = ".".join(("mount.bias", str(index), *path))
+    label = _label(port, ".".join(("bias", str(index), *path)))
     if isinstance(given, tuple):
         new = Drive(f"{label} (as force)", "N", "load", _weights(given))
     else:
         if isinstance(given, SecondFilm):
             assert sample is not None
-            knots, label = given.anchor, f"mount.bias.{index}.film (its frame)"
+            knots, label = given.anchor, _label(port, f"bias.{index}.film (its frame)")
             given = sample(given)
-        new = Drive(label, "mm", "device", knots, element=given)
+        new = Drive(label, "mm", "element", knots, element=given)
     same = index < len(before) and _same(before[index], new)
     start = before[index].knots[-1] if same else new.knots[0]
     return replace(new, knots=_from(start, new.knots))
@@ -163,7 +190,7 @@ def _same(old: Drive, new: Drive) -> bool:
     return (old.label, _fixed(old.element)) == (new.label, _fixed(new.element))
 
 
-def _fixed(element: Element | None) -> Any:
+def _fixed(element: Element | Gas | None) -> Any:
     """What identifies an element wherever its anchor is."""
     return element and element.model_dump(exclude={"anchor"})
 
@@ -178,28 +205,17 @@ def _prescribed(before: Drives, measured: float) -> float:
     return sum(d.knots[-1] for d in before) if loads else measured
 
 
-def terminal_drives(
-    given: TerminalInput, voltage: float, charge: float, before: Drives = ()
-) -> Drives:
-    """The terminal's drives in a stage.
-
-    Args:
-        given: The stage's input.
-        voltage: When the stage starts, kV.
-        charge: Then, uC.
-        before: What drove it before, held.
-    """
-    if given.voltage is not None:
-        return (plain_drive("voltage", _from(voltage, given.voltage)),)
-    assert given.charge is not None
-    return (plain_drive("charge", _from(_prescribed(before, charge), given.charge)),)
-
-
 def _from(start: float, knots: tuple[float, ...]) -> tuple[float, ...]:
     """Knots that begin where the port is: a list that does not is reached from there first."""
     if len(knots) > 1 and abs(knots[0] - start) <= 1e-9 * max(map(abs, (*knots, start))):
         return knots
     return (start, *knots)
+
+
+def under_voltage(device: Device, found: dict[str, Drives], at: float) -> bool:
+    """Whether a voltage is prescribed at a time, other than zero."""
+    terminals = (found[port.name] for port in device.of(TERMINAL))
+    return any(d.kind == "value" and d.at(at) != 0 for drives in terminals for d in drives)
 
 
 def milestones(stage: Stage, drives: list[Drive]) -> tuple[list[float], set[float]]:

@@ -7,20 +7,26 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from dealib.fem.snapshot import Peak
+from dealib.fem.snapshot import Extremum
 
 log = logging.getLogger(__name__)
 
 _GIVEN = ("breakdown_use", "stretch_use")  # against limits of the config: passing them is a warning
 
 
-def keep(worst: dict[str, dict[str, Any]], peaks: Mapping[str, Peak], row: dict[str, Any]) -> None:
+def keep(
+    worst: dict[str, dict[str, Any]],
+    peaks: Mapping[str, Extremum],
+    row: dict[str, Any],
+    axes: tuple[str, ...],
+) -> None:
     """Take a state into account, and warn when it is the first beyond a limit of the config.
 
     Args:
-        worst: By margin: `use`, `R_mm`, `Z_mm`, `step`, `time_s`, `stage`; is updated.
+        worst: By margin: `use`, the position such as `R_mm`, `step`, `time_s`, `stage`; is updated.
         peaks: Of the state.
         row: Its row of the history.
+        axes: Names of the mesh's coordinates.
     """
     for name, peak in peaks.items():
         before = worst[name]["use"] if name in worst else -1e300
@@ -28,15 +34,14 @@ def keep(worst: dict[str, dict[str, Any]], peaks: Mapping[str, Peak], row: dict[
             continue
         worst[name] = {
             "use": peak.value,
-            "R_mm": peak.R,
-            "Z_mm": peak.Z,
+            **{f"{axis}_mm": x for axis, x in zip(axes, peak.at, strict=True)},
             **{key: row[key] for key in ("step", "time_s", "stage")},
         }
         if before <= 1 < peak.value and name in _GIVEN:
             log.warning(
-                "step %d (%s): %s = %.4g, beyond the limit of the config, at R = %.4g mm, "
-                "Z = %.4g mm",
-                *(row["step"], row["stage"], name, peak.value, peak.R, peak.Z),
+                "step %d (%s): %s = %.4g, beyond the limit of the config, at %s",
+                *(row["step"], row["stage"], name, peak.value),
+                ", ".join(f"{a} = {x:.4g} mm" for a, x in zip(axes, peak.at, strict=True)),
             )
 
 

@@ -6,21 +6,78 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from dealib.config.follow import PORT_OF, Variable
+from dealib.device.device import Device
+from dealib.device.records import Port, Variable
 from dealib.fem.newton import Newton
 from dealib.fem.problem import Problem
 from dealib.fem.system import PortLaw, System
 
-_DUALS = {"force": 1.0, "charge": -1.0}  # sign from dPi/dq to the user's dual
-COLUMN: dict[str, str] = {
-    "displacement": "displacement_mm",
-    "force": "force_N",
-    "voltage": "voltage_kV",
-    "charge": "charge_uC",
-}
 _TILT = 0.05  # least share of a dual in an arc's equation, which keeps it regular
 
 Two = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class PortVariable:
+    """A variable of one of the device's ports.
+
+    Attributes:
+        name: Such as 'voltage', or 'voltage.NAME' where there are several terminals.
+        port: Its port.
+    """
+
+    name: str
+    port: Port
+
+    @classmethod
+    def of(cls, device: Device, name: str) -> PortVariable:
+        """By its name."""
+        return cls(name, device.variables[name])
+
+    @property
+    def variable(self) -> Variable:
+        """What it is."""
+        stem = self.name.partition(".")[0]
+        return next(v for v in self.port.kind.variables if v.name == stem)
+
+    @property
+    def column(self) -> str:
+        """Its column of the history."""
+        return self.port.column(self.variable)
+
+    @property
+    def dual(self) -> bool:
+        """Whether it is the dual of its port's value."""
+        return self.variable == self.port.kind.dual
+
+    @property
+    def sign(self) -> float:
+        """From dPi/dq to a dual."""
+        return self.port.kind.sign
+
+    def value(self, system: System) -> float:
+        """Its value at the last residual."""
+        if self.dual:
+            return self.sign * system.internal[self.port.name]
+        return system.values[self.port.name]
+
+    def given(self, at: float) -> PortLaw:
+        """The equation of its port if it is prescribed."""
+        return PortLaw(load=self.sign * at) if self.dual else PortLaw(value=at)
+
+    def size(self, problem: Problem) -> float:
+        """Its size for a film: of its span, its strength, its electric strength."""
+        sizes, modulus = problem.domain.sizes, problem.config.film.shear_modulus_at_rest
+        permittivity = problem.charge_scale * sizes.thickness / sizes.area
+        volts = sizes.thickness * math.sqrt(modulus / permittivity)
+        return {
+            "displacement": sizes.span,
+            "force": problem.force_scale,
+            "voltage": volts,
+            "charge": problem.charge_scale * volts,
+            "pressure": modulus * sizes.thickness / sizes.span,
+            "volume": sizes.area * sizes.span,
+        }[self.variable.name]
 
 
 @dataclass(frozen=True)
@@ -33,33 +90,33 @@ class Pair:
         sizes: Of both, in their units.
     """
 
-    vary: Variable
-    along: Variable
+    vary: PortVariable
+    along: PortVariable
     sizes: Two
 
     @property
     def port(self) -> str:
         """Whose equation becomes that of the arc."""
-        return PORT_OF[self.vary]
+        return self.vary.port.name
 
     @property
     def crossed(self) -> bool:
         """Whether the variables are of two ports."""
-        return PORT_OF[self.along] != self.port
+        return self.along.port != self.vary.port
 
     def point(self, system: System) -> Two:
         """Both variables at the last residual."""
-        return value(system, self.vary), value(system, self.along)
+        return self.vary.value(system), self.along.value(system)
 
     def control(self, x: float) -> PortLaw:
         """The equation of the port under control of the varied variable."""
-        return _given(self.vary, x)
+        return self.vary.given(x)
 
     def end(self, y: float) -> PortLaw:
         """The equation of the port that puts the other variable at its end."""
         if self.crossed:
-            return PortLaw(value=y, weights=((PORT_OF[self.along], 1.0),))
-        return _given(self.along, y)
+            return PortLaw(value=y, weights=((self.along.port.name, 1.0),))
+        return self.along.given(y)
 
     def arc(self, point: Two, direction: Two, step: float) -> PortLaw:
         """The equation direction . (variables - point) / sizes = step.
@@ -68,20 +125,18 @@ class Pair:
         of the loaded port on its diagonal only, and stays symmetric for the two variables of one
         port. The factor is kept from zero, which turns the plane of the arc a little.
         """
-        factors, right = {}, step
-        for name, at, share, size in self._each(point, direction):
-            if name in _DUALS:
+        weights, dual, right = [], None, step
+        parts = zip((self.vary, self.along), point, direction, self.sizes, strict=True)
+        for variable, at, share, size in parts:
+            if variable.dual:
                 share = math.copysign(max(abs(share), _TILT), share)
-            factors[name] = share / size
+                dual = variable.sign * share / size
+            else:
+                weights.append((variable.port.name, share / size))
             right += share * at / size
-        weights = {PORT_OF[n]: f for n, f in factors.items() if n not in _DUALS}
-        dual = next((n for n in factors if n in _DUALS), None)
         if dual is None:
-            return PortLaw(value=right, weights=tuple(weights.items()))
-        scale = _DUALS[dual] * factors[dual]
-        return PortLaw(
-            load=right / scale, weights=tuple((n, f / scale) for n, f in weights.items())
-        )
+            return PortLaw(value=right, weights=tuple(weights))
+        return PortLaw(load=right / dual, weights=tuple((n, f / dual) for n, f in weights))
 
     def direction(self, newton: Newton, arc: PortLaw) -> tuple[Two, Any]:
         """Unit direction of the branch in both variables over their sizes, and in all unknowns.
@@ -96,38 +151,10 @@ class Pair:
         ports = system.map.port_values(rate)
         internal = 1 - sum(weight * ports[name] for name, weight in arc.weights)
 
-        def of(name: str) -> float:
-            return _DUALS[name] * internal if name in _DUALS else ports[PORT_OF[name]]
+        def of(variable: PortVariable) -> float:
+            return variable.sign * internal if variable.dual else ports[variable.port.name]
 
         x, y = of(self.vary) / self.sizes[0], of(self.along) / self.sizes[1]
         length = math.hypot(x, y)
         rate.scale(1 / length)
         return (x / length, y / length), rate
-
-    def _each(self, point: Two, direction: Two) -> Any:
-        return zip((self.vary, self.along), point, direction, self.sizes, strict=True)
-
-
-def value(system: System, name: str) -> float:
-    """A port variable at the last residual."""
-    if name in _DUALS:
-        return _DUALS[name] * system.internal[PORT_OF[name]]
-    return system.values[PORT_OF[name]]
-
-
-def _given(name: str, at: float) -> PortLaw:
-    return PortLaw(load=_DUALS[name] * at) if name in _DUALS else PortLaw(value=at)
-
-
-def size(problem: Problem, name: str) -> float:
-    """Size of a port variable for a film: of its span, its strength, its electric strength."""
-    g, film = problem.config.geometry, problem.config.materials.film
-    area = math.pi * (g.outer_radius**2 - g.inner_radius**2)
-    permittivity = problem.charge_scale * g.film_thickness / area
-    volts = g.film_thickness * math.sqrt(film.shear_modulus_at_rest / permittivity)
-    return {
-        "displacement": g.outer_radius - g.inner_radius,
-        "force": problem.force_scale,
-        "voltage": volts,
-        "charge": problem.charge_scale * volts,
-    }[name]

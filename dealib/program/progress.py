@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-from dealib.program.increments import Place
-from dealib.program.inputs import REST, Drive, Drives
+from dealib.program.increments import StageClock
+from dealib.program.inputs import Drive, Drives
 from dealib.program.pair import Two
 from dealib.program.work import Work
 
@@ -55,11 +55,12 @@ class Progress:
         time: Its clock time, s.
         stage: Index of its stage; 0 is pre-strain.
         stage_start: Clock time at which the stage began, s.
-        place: Where the increments are in the stage, in cycles.
+        clock: Where the increments are in the stage, in cycles.
         branch: Where the path is in a stage that follows a branch.
         drives: What drives the ports.
         work: Work done so far.
         row: The last row of the history, none before the first.
+        ports: Value and dual of each port in the last state.
         worst: The worst of each margin so far (see `margins.keep`).
         over: Whether a condition has ended the stage.
         stops: What conditions ended: `step`, `time_s`, `stage`, `when`, and `ends`, which is
@@ -70,11 +71,12 @@ class Progress:
     time: float = 0.0
     stage: int = 0
     stage_start: float = 0.0
-    place: Place = field(default_factory=Place)
+    clock: StageClock = field(default_factory=StageClock)
     branch: Position | None = None
-    drives: dict[str, Drives] = field(default_factory=lambda: dict(REST))
+    drives: dict[str, Drives] = field(default_factory=dict)
     work: Work = field(default_factory=Work)
     row: dict[str, Any] | None = None
+    ports: dict[str, Two] = field(default_factory=dict)
     worst: dict[str, dict[str, Any]] = field(default_factory=dict)
     over: bool = False
     stops: list[dict[str, Any]] = field(default_factory=list)
@@ -93,8 +95,9 @@ class Progress:
     def of(cls, plain: dict[str, Any]) -> Progress:
         """Inverse of `plain`, also after a round trip through JSON."""
         given = dict(plain)
-        given["place"], given["work"] = Place(**given["place"]), Work(**given["work"])
+        given["clock"], given["work"] = StageClock(**given["clock"]), Work(**given["work"])
         given["branch"] = given["branch"] and Position.of(given["branch"])
+        given["ports"] = {name: tuple(pair) for name, pair in given["ports"].items()}
         given["drives"] = {
             port: tuple(map(Drive.of, drives)) for port, drives in given["drives"].items()
         }

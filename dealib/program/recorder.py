@@ -11,7 +11,7 @@ from dealib.errors import PlatformError
 from dealib.program.predictor import MEMORY
 from dealib.program.provenance import versions
 from dealib.program.simulation import Simulation
-from dealib.program.states import State
+from dealib.program.history import State
 from dealib.results.writer import Opening, Record, Writer
 
 
@@ -31,12 +31,13 @@ class Recorder:
 
     def start(self, simulation: Simulation) -> None:
         """See `Observer`."""
-        self._timings = simulation.timings
-        if simulation.layout.mesh is None:
+        engine = simulation.engine
+        self._timings = engine.timings
+        if engine.layout.mesh is None:
             return
         texts = {"config": self._case.text, "config_resolved": resolved(self._case.config)}
         texts |= {f"versions/{k}": v for k, v in versions().items()}
-        mesh, done = simulation.layout.mesh, simulation.progress.step
+        mesh, done = engine.layout.mesh, simulation.progress.step
         self._writer = self._begin(Opening(self._directory, self._case.config, mesh, texts, done))
 
     def see(self, state: State) -> None:
@@ -45,9 +46,9 @@ class Recorder:
         stored = self._wanted == "every" or (self._wanted == "stage" and state.end_of_stage)
         nodal, internal = state.nodal(), state.internal()
         if self._writer is not None:
-            viscosity = state.simulation.viscosity
+            viscosity = state.engine.viscosity
             at_gauss = None if viscosity is None else viscosity.at_gauss(internal)
-            values = state.simulation.plain()
+            values = state.engine.plain()
             self._writer.add(Record(state.row, nodal, stored, values, MEMORY, internal, at_gauss))
         self._timings["output"] += time.perf_counter() - begin
 

@@ -50,7 +50,8 @@ class Log:
 
     def start(self, simulation: Simulation) -> None:
         """See `Observer`."""
-        cells = 0 if simulation.layout.mesh is None else len(simulation.layout.mesh.cells)
+        mesh = simulation.engine.layout.mesh
+        cells = 0 if mesh is None else len(mesh.cells)
         log.info(
             "%d cells, %d unknowns, %d ranks", cells, simulation.unknowns, simulation.comm.size
         )
@@ -70,13 +71,35 @@ class Log:
 
 
 def line(row: dict[str, Any]) -> str:
-    """One step in one line."""
+    """One step in one line: its ports and the iterations."""
+    shown = [f"{_SHORT[k.partition('.')[0]]}{_at(k)} {v:9.5f} {_unit(k)}" for k, v in _ports(row)]
     return (
         f"step {row['step']:4d}  t {row['time_s']:9.4g} s  {row['stage']:<12.12s}"
-        f"  u {row['displacement_mm']:9.5f} mm  F {row['force_N']:9.5f} N"
-        f"  V {row['voltage_kV']:7.4f} kV  C {row['capacitance_pF']:8.3f} pF"
-        f"  {row['newton_iterations']:2d} it"
+        f"  {'  '.join(shown)}  {row['newton_iterations']:2d} it"
     )
+
+
+_SHORT = {
+    "displacement_mm": "u",
+    "force_N": "F",
+    "voltage_kV": "V",
+    "charge_uC": "Q",
+    "pressure_kPa": "p",
+    "volume_mm3": "vol",
+}
+
+
+def _ports(row: dict[str, Any]) -> list[tuple[str, float]]:
+    return [(k, v) for k, v in row.items() if k.partition(".")[0] in _SHORT]
+
+
+def _at(column: str) -> str:
+    name = column.partition(".")[2]
+    return f"({name})" if name else ""
+
+
+def _unit(column: str) -> str:
+    return column.partition(".")[0].partition("_")[2]
 
 
 def simulate(
@@ -164,7 +187,7 @@ class _Session:
     ) -> None:
         """Show every state to every observer."""
         observers: list[Observer] = [recorder, Log(), *others]
-        self.timings = simulation.timings
+        self.timings = simulation.engine.timings
         self.timings["import"] += self.imported
         self.info["unknowns"] = simulation.unknowns
         failure: BaseException | None = None
@@ -182,9 +205,9 @@ class _Session:
                         log.info("SIGUSR1: the checkpoint is at step %d", state.row["step"])
             finally:
                 self.timings["solve"] += time.perf_counter() - loop  # the whole step loop
-                self.timings["factorisation"] += simulation.newton.factorisation_seconds
+                self.timings["factorisation"] += simulation.engine.newton.factorisation_seconds
                 self.info["steps"] = max(simulation.progress.step, 0)
-                self.info["newton_iterations"] = simulation.newton.total
+                self.info["newton_iterations"] = simulation.engine.newton.total
                 self.info["margins"] = table(simulation.progress.worst)
                 self.info["stops"] = simulation.progress.stops
         except BaseException as error:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
+from dealib.fem.snapshot import Snapshot
 from dealib.materials.laws import Law
 from dealib.materials.response import MODES, stability_limit, stiffness
 
@@ -20,26 +21,29 @@ class StabilityWatch:
     """Warns once, and once more if the limit itself is passed.
 
     Args:
-        law: The film's law.
+        laws: The films' laws.
     """
 
-    def __init__(self, law: Law) -> None:
-        self.law = law
-        self.active = any(np.isfinite(stability_limit(law, mode)) for mode in MODES)
+    def __init__(self, laws: Iterable[Law]) -> None:
+        self.laws = [w for w in laws if any(np.isfinite(stability_limit(w, m)) for m in MODES)]
         self._said: set[str] = set()
 
-    def see(self, row: dict[str, Any], measure: Callable[[], Any]) -> None:
-        """Look at a state, and warn if need be.
+    def see(self, row: dict[str, Any], snapshot: Snapshot) -> None:
+        """Look at a state, and warn if need be (collective).
 
         Args:
             row: The history's row.
-            measure: Gives the in-plane stretches at the film's points, shape (points, 2).
+            snapshot: The state.
         """
-        if not self.active:
-            return
-        stretches = measure()
+        for state in snapshot.states if self.laws else ():
+            if state.film.law in self.laws:
+                mine = np.stack(state.film.stretches(state.k.F), axis=-1).reshape(-1, 2)
+                stretches = np.concatenate(snapshot.comm.allgather(mine))
+                self._judge(row, state.film.law, stretches)
+
+    def _judge(self, row: dict[str, Any], law: Law, stretches: Any) -> None:
         for share, said in ((1.0, "is beyond"), (1 - MARGIN, "is within 5 % of")):
-            lost = stiffness(self.law, *(stretches / share).T) <= 0
+            lost = stiffness(law, *(stretches / share).T) <= 0
             if not lost.any():
                 continue
             if said in self._said:

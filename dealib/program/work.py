@@ -2,41 +2,57 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from dealib.device.device import Device
+
+Two = tuple[float, float]
 
 
 @dataclass
 class Work:
-    """Accumulates the work of mount and terminal by the trapezoidal rule.
+    """Accumulates the work of all ports by the trapezoidal rule.
 
     The balance compares it with the stored energy, elastic plus electric, and with what Maxwell
     branches have dissipated; what remains is the error of the rule between the recorded states, of
     second order in the increments.
 
     Attributes:
-        mount: Work of the mount so far, mJ.
-        terminal: Work of the terminal so far, mJ.
+        done: Work of each port so far, mJ.
         stored: Energy stored in the first state, mJ.
     """
 
-    mount: float = 0.0
-    terminal: float = 0.0
+    done: dict[str, float] = field(default_factory=dict)
     stored: float = 0.0
 
-    def add(self, last: dict[str, Any] | None, row: dict[str, Any]) -> dict[str, float]:
-        """Columns for a new row of the history, which follows the last one."""
-        stored = row["elastic_energy_mJ"] + row["electric_energy_mJ"]
+    def add(
+        self,
+        device: Device,
+        last: Mapping[str, Two] | None,
+        now: Mapping[str, Two],
+        stored: float,
+        dissipated: float,
+    ) -> dict[str, float]:
+        """Columns for a new row of the history, which follows the last one.
+
+        Args:
+            device: The device.
+            last: Value and dual of each port in the last state; None before the first.
+            now: The same now.
+            stored: Elastic and electric energy, mJ.
+            dissipated: Energy dissipated so far, mJ.
+        """
         if last is None:
-            self.stored = stored
+            self.stored, self.done = stored, {port.name: 0.0 for port in device.ports}
         else:
-            force = (last["force_N"] + row["force_N"]) / 2
-            self.mount += force * (row["displacement_mm"] - last["displacement_mm"])
-            voltage = (last["voltage_kV"] + row["voltage_kV"]) / 2
-            self.terminal += voltage * (row["charge_uC"] - last["charge_uC"])
-        used = stored + row.get("dissipated_energy_mJ", 0.0)
-        return {
-            "mount_work_mJ": self.mount,
-            "terminal_work_mJ": self.terminal,
-            "energy_residual_mJ": used - self.stored - self.mount - self.terminal,
+            for port in device.ports:
+                one, other = last[port.name], now[port.name]
+                k = 0 if port.kind.sign > 0 else 1  # of what moves
+                mean = (one[1 - k] + other[1 - k]) / 2
+                self.done[port.name] += mean * (other[k] - one[k])
+        columns = {
+            port.named(f"{port.kind.name}_work_mJ"): self.done[port.name] for port in device.ports
         }
+        residual = stored + dissipated - self.stored - sum(self.done.values())
+        return columns | {"energy_residual_mJ": residual}

@@ -1,7 +1,7 @@
 """Electrodes as thin resistive sheets: resistance under stretch, and how fast they charge.
 
-Current flows along the strips, from the edge of contact to the other one. Each ring of the film of
-a radial length dl carries a share of the capacitance and a resistance rho dl / (2 pi r) in each
+Current flows along the layers, from the edge of contact to the other one. Each ring of the film of
+a length dl along it carries a share of the capacitance and a resistance rho dl / width in each
 electrode. The sheet resistance rho is in Gohm per square, so that rho times nF is in s.
 """
 
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dealib.device.bases import Base
 from dealib.results.elements import Array
 
 
@@ -19,9 +20,10 @@ class Rings:
     """The film in rings, inwards to outwards.
 
     Attributes:
-        edges: Radii in the mesh that bound them, (rings + 1,), mm.
-        along: Radial stretch of each since the electrodes were made, that is since mounting.
-        around: Hoop stretch.
+        edges: Coordinates along the base that bound them, (rings + 1,), mm.
+        along: Stretch of each along the base since the electrodes were made, that is since
+            mounting.
+        around: Stretch across that, in the plane of the layer.
         capacitance: Of each, nF.
     """
 
@@ -30,19 +32,26 @@ class Rings:
     around: Array
     capacitance: Array
 
-    def resistances(self, sheet: float, exponent: float) -> Array:
-        """Resistance of one electrode's rings, Gohm: rho l1 dR / (2 pi l2 R), integrated over R.
+    def resistances(self, sheet: float, exponent: float, base: Base) -> Array:
+        """Resistance of one electrode's rings, Gohm: rho l1 dS / (l2 width), integrated.
 
         Args:
             sheet: Sheet resistance of the mounted electrode.
             exponent: It grows with the area as (l1 l2)^exponent: 1 for a layer of constant volume
                 and resistivity, 0 for one whose sheet resistance does not change.
+            base: What the layers lie on.
         """
         rho = sheet * (self.along * self.around) ** exponent
-        lengths = np.log(self.edges[1:] / self.edges[:-1]) * self.along / self.around
-        return np.asarray(rho * lengths / (2 * np.pi))
+        if base.along == "R":
+            with np.errstate(divide="ignore"):
+                squares = np.log(self.edges[1:] / self.edges[:-1]) / (2 * np.pi)
+            if self.edges[0] == 0:  # a disc fed at its rim has rho / (8 pi), half of this
+                squares[0] = 1 / (4 * np.pi)
+        else:
+            squares = np.diff(self.edges) / base.girth
+        return np.asarray(rho * squares * self.along / self.around)
 
-    def time_constant(self, resistances: Array, contact: str) -> float:
+    def time_constant(self, resistances: Array, at_start: bool) -> float:
         """Slowest time constant of the ladder, s.
 
         Both electrodes are contacted at the same edge and their resistances are in series, so
@@ -50,12 +59,12 @@ class Rings:
 
         Args:
             resistances: Of one electrode's rings, Gohm.
-            contact: 'inner' or 'outer'.
+            at_start: Whether they are contacted where the base begins.
         """
         from scipy.linalg import eigvalsh_tridiagonal
 
         R, C = 2 * resistances, self.capacitance
-        if contact == "outer":
+        if not at_start:
             R, C = R[::-1], C[::-1]
         between = np.append(R[0] / 2, (R[1:] + R[:-1]) / 2)  # from each ring's middle to the last's
         g = 1 / between

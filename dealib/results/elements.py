@@ -1,21 +1,68 @@
-"""Lagrange cells in numpy: shape functions in VTK's node order, on squares and triangles."""
+"""Lagrange cells in numpy: shape functions, points of derivatives, in VTK's node order."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache, cached_property
+from itertools import product
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+# reference corners and edges in VTK's order
+_CORNERS: dict[str, list[tuple[float, ...]]] = {
+    "interval": [(0,), (1,)],
+    "triangle": [(0, 0), (1, 0), (0, 1)],
+    "quadrilateral": [(0, 0), (1, 0), (1, 1), (0, 1)],
+    "tetrahedron": [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
+    "hexahedron": [(x, y, z) for z in (0, 1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))],
+}
+_EDGES: dict[str, list[tuple[int, int]]] = {
+    "interval": [(0, 1)],
+    "triangle": [(0, 1), (1, 2), (2, 0)],
+    "quadrilateral": [(0, 1), (1, 2), (2, 3), (3, 0)],
+    "tetrahedron": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
+    "hexahedron": [
+        *((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4)),
+        *((0, 4), (1, 5), (2, 6), (3, 7)),
+    ],
+}
+# middles of faces and of the cell, of tensor-product cells of second order
+_MIDDLES: dict[str, list[tuple[float, ...]]] = {
+    "quadrilateral": [(0.5, 0.5)],
+    "hexahedron": [
+        *((0, 0.5, 0.5), (1, 0.5, 0.5), (0.5, 0, 0.5), (0.5, 1, 0.5), (0.5, 0.5, 0), (0.5, 0.5, 1)),
+        (0.5, 0.5, 0.5),
+    ],
+}
+_VTK = {
+    "interval": (3, 21),
+    "triangle": (5, 22),
+    "quadrilateral": (9, 28),
+    "tetrahedron": (10, 24),
+    "hexahedron": (12, 29),
+}
+_XDMF = {
+    "interval": ("Polyline", "Edge_3"),
+    "triangle": ("Triangle", "Triangle_6"),
+    "quadrilateral": ("Quadrilateral", "Quadrilateral_9"),
+    "tetrahedron": ("Tetrahedron", "Tetrahedron_10"),
+    "hexahedron": ("Hexahedron", "Hexahedron_27"),
+}
+SIMPLICES = ("triangle", "tetrahedron")
 
 
 def inverse(A: Array) -> Array:
-    """Inverses of many small matrices, shape (..., 2, 2) or (..., 3, 3), by cofactors.
+    """Inverses of many small matrices, shape (..., n, n) with n up to 3, by cofactors.
 
     LAPACK, called once a matrix, takes ten times as long.
     """
+    if A.shape[-1] == 1:
+        return np.asarray(1 / A)
     if A.shape[-1] == 2:
         a, b, c, d = A[..., 0, 0], A[..., 0, 1], A[..., 1, 0], A[..., 1, 1]
         cofactors = np.stack([np.stack([d, -b], -1), np.stack([-c, a], -1)], -2)
@@ -25,12 +72,25 @@ def inverse(A: Array) -> Array:
     return np.asarray(rows / np.einsum("...i,...i", rows[..., 0, :], x)[..., None, None])
 
 
+def determinant(A: Array) -> Array:
+    """Determinants of many small matrices, shape (..., n, n) with n up to 3."""
+    if A.shape[-1] == 1:
+        return np.asarray(A[..., 0, 0])
+    if A.shape[-1] == 2:
+        return np.asarray(A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] * A[..., 1, 0])
+    a, b, c = (A[..., 0, k] for k in range(3))
+    first = A[..., 1, 1] * A[..., 2, 2] - A[..., 1, 2] * A[..., 2, 1]
+    second = A[..., 1, 2] * A[..., 2, 0] - A[..., 1, 0] * A[..., 2, 2]
+    third = A[..., 1, 0] * A[..., 2, 1] - A[..., 1, 1] * A[..., 2, 0]
+    return np.asarray(a * first + b * second + c * third)
+
+
 @dataclass(frozen=True)
 class Cell:
     """A reference cell.
 
     Attributes:
-        name: 'quadrilateral' (0..1 squared) or 'triangle'.
+        name: 'interval', 'triangle', 'quadrilateral', 'tetrahedron' or 'hexahedron'.
         order: 1 or 2.
     """
 
@@ -38,111 +98,111 @@ class Cell:
     order: int
 
     @property
+    def dim(self) -> int:
+        """Topological dimension."""
+        return len(_CORNERS[self.name][0])
+
+    @property
     def corners(self) -> int:
         """Number of corners; they come first in the node order."""
-        return 4 if self.name == "quadrilateral" else 3
+        return len(_CORNERS[self.name])
 
     @cached_property
     def nodes(self) -> Array:
-        """Reference coordinates of the nodes, shape (nodes, 2), in VTK's order."""
-        corner = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
-        if self.name == "triangle":
-            corner = np.array([[0.0, 0], [1, 0], [0, 1]])
+        """Reference coordinates of the nodes, shape (nodes, dim), in VTK's order."""
+        corner = np.array(_CORNERS[self.name], dtype=float)
         if self.order == 1:
             return corner
-        middles = (corner + np.roll(corner, -1, axis=0)) / 2
-        centre = corner.mean(axis=0, keepdims=True)
-        return np.vstack([corner, middles, *([centre] if self.corners == 4 else [])])
+        edges = [(corner[a] + corner[b]) / 2 for a, b in _EDGES[self.name]]
+        return np.array([*corner, *edges, *_MIDDLES.get(self.name, [])])
 
     @cached_property
     def gauss(self) -> Array:
-        """The points at which derivatives are best: 2 x 2 Gauss, or 3 mid-points of medians."""
-        if self.corners == 3:
+        """Points at which derivatives are best: two Gauss points a direction, or as in simplices."""
+        if self.name == "triangle":
             return np.array([[1, 1], [4, 1], [1, 4]]) / 6
+        if self.name == "tetrahedron":
+            a, b = (5 - np.sqrt(5)) / 20, (5 + 3 * np.sqrt(5)) / 20
+            return np.full((4, 3), a) + (b - a) * np.eye(4)[:, 1:]
         g = (1 + np.array([-1, 1]) / np.sqrt(3)) / 2
-        return np.array([[x, y] for x in g for y in g])
+        return np.array(list(product(g, repeat=self.dim)))
 
     @cached_property
     def from_gauss(self) -> Array:
         """Extrapolates values at the Gauss points to the nodes, (nodes, points)."""
-        terms = [(0, 0), (1, 0), (0, 1), *([(1, 1)] if self.corners == 4 else [])]
+        terms = [t for t in product((0, 1), repeat=self.dim)]
+        if self.name in SIMPLICES:
+            terms = [t for t in terms if sum(t) <= 1]
 
         def powers(at: Array) -> Array:
-            return np.stack([at[:, 0] ** a * at[:, 1] ** b for a, b in terms], axis=1)
+            return np.stack([np.prod(at**t, axis=1) for t in np.array(terms)], axis=1)
 
         return np.asarray(powers(self.nodes) @ np.linalg.inv(powers(self.gauss)))
 
     @property
     def vtk_type(self) -> int:
         """VTK's cell type."""
-        return {(4, 1): 9, (4, 2): 28, (3, 1): 5, (3, 2): 22}[self.corners, self.order]
+        return _VTK[self.name][self.order - 1]
 
     @property
     def xdmf_type(self) -> str:
         """XDMF's topology type."""
-        name = "Quadrilateral" if self.corners == 4 else "Triangle"
-        return name if self.order == 1 else f"{name}_{9 if self.corners == 4 else 6}"
-
-    def shape(self, points: Array) -> tuple[Array, Array]:
-        """Shape functions (points, nodes) and their gradients (points, nodes, 2)."""
-        x, y = points.T
-        powers = self._powers
-        values = np.stack([x**a * y**b for a, b in powers], axis=1)
-        d_x = np.stack([a * x ** max(a - 1, 0) * y**b for a, b in powers], axis=1)
-        d_y = np.stack([b * x**a * y ** max(b - 1, 0) for a, b in powers], axis=1)
-        return values @ self._coefficients, np.stack(
-            [d_x @ self._coefficients, d_y @ self._coefficients], axis=2
-        )
-
-    @property
-    def _powers(self) -> list[tuple[int, int]]:
-        n = range(self.order + 1)
-        return [(a, b) for a in n for b in n if self.corners == 4 or a + b <= self.order]
+        return _XDMF[self.name][self.order - 1]
 
     @cached_property
-    def _coefficients(self) -> Array:
-        x, y = self.nodes.T
-        return np.linalg.inv(np.stack([x**a * y**b for a, b in self._powers], axis=1))
+    def basix_order(self) -> Ints:
+        """For each node in VTK's order its number in Basix's."""
+        points = _element(self.name, self.order).points
+        return np.array([int(np.abs(points - node).sum(axis=1).argmin()) for node in self.nodes])
+
+    def shape(self, points: Array) -> tuple[Array, Array]:
+        """Shape functions (points, nodes) and their gradients (points, nodes, dim)."""
+        table = _element(self.name, self.order).tabulate(1, np.ascontiguousarray(points))[..., 0]
+        table = table[..., self.basix_order]
+        return table[0], np.moveaxis(table[1:], 0, -1)
 
 
 @cache
-def _linear(name: str) -> Cell:
-    """Cell of a mesh with straight edges; its coefficients are computed once."""
-    return Cell(name, 1)
+def _element(name: str, order: int) -> Any:
+    """Basix's element; it imports nothing of dolfinx."""
+    import basix
+
+    family, kind = basix.ElementFamily.P, getattr(basix.CellType, name)
+    return basix.create_element(family, kind, order, basix.LagrangeVariant.gll_warped)
 
 
-def gradients(cell: Cell, corners: Array, points: Array) -> tuple[Array, Array]:
-    """Gradients of the shape functions in a mesh with straight edges.
+def gradients(cell: Cell, nodes: Array, points: Array) -> tuple[Array, Array]:
+    """Gradients of the shape functions in the mesh.
 
     Args:
         cell: Reference cell.
-        corners: Corner coordinates, shape (cells, corners, 2).
-        points: Reference points, shape (points, 2).
+        nodes: Coordinates of the cells' nodes, shape (cells, nodes, dim).
+        points: Reference points, shape (points, dim).
 
     Returns:
-        Positions (cells, points, 2) and gradients (cells, points, nodes, 2).
+        Positions (cells, points, dim) and gradients (cells, points, nodes, dim).
     """
-    linear = _linear(cell.name)
-    N, dN = linear.shape(points)
-    position = N @ corners
-    jacobian = np.swapaxes(corners, 1, 2)[:, None] @ dN  # dX_i / dx_j
-    _, reference = cell.shape(points)
-    return position, reference @ inverse(jacobian)
+    N, dN = cell.shape(points)
+    jacobian = np.swapaxes(nodes, 1, 2)[:, None] @ dN  # dX_i / dx_j
+    return N @ nodes, dN @ inverse(jacobian)
 
 
-def face(corners: Array, side: int) -> npt.NDArray[np.bool_]:
-    """Which sides of cells are on the upper face of the body that they make up, or on its lower.
+def face(nodes: Array, corners: int, side: int, across: int = 1) -> npt.NDArray[np.bool_]:
+    """Which sides of plane cells are on the upper face of the body that they make up, or the lower.
 
     Args:
-        corners: Of all cells of the body, (cells, corners, 2).
+        nodes: Of all cells of the body, (cells, nodes, 2).
+        corners: Number of corners of a cell.
         side: 1 for the upper face, -1 for the lower one.
+        across: Number of the axis that is up.
 
     Returns:
         For the sides from each corner to the next, (cells, corners).
     """
-    ends = np.roll(corners, -1, axis=1)
-    middle, along = (corners + ends) / 2, ends - corners
-    out = middle - corners.mean(axis=1, keepdims=True)
+    here = nodes[:, :corners] if across == 1 else nodes[:, :corners, ::-1]
+    ends = np.roll(here, -1, axis=1)
+    middle, along = (here + ends) / 2, ends - here
+    out = middle - here.mean(axis=1, keepdims=True)
     turn = np.sign(out[..., 1] * along[..., 0] - out[..., 0] * along[..., 1])
     _, index, cells = np.unique(
         middle.reshape(-1, 2), axis=0, return_inverse=True, return_counts=True

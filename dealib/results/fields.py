@@ -29,13 +29,13 @@ class Fields:
     """
 
     def __init__(self, config: Config, mesh: ResultMesh) -> None:
-        viscous = local.branch_cells(config, mesh)
-        self._mesh = mesh
+        viscous, kinematics = local.branch_cells(config, mesh), config.device.kinematics
+        self._mesh, self._axes = mesh, kinematics.dim
         self._parts = [
             _Part(
                 material,
                 mesh.cells[cells],
-                local.Points.of(mesh.cell, mesh.corners[cells], mesh.cell.gauss),
+                local.Points.of(kinematics, mesh.cell, mesh.nodes[cells], mesh.cell.gauss),
                 Average(mesh, cells),
                 np.searchsorted(viscous, cells),
             )
@@ -46,7 +46,7 @@ class Fields:
         """All fields of a state.
 
         Args:
-            state: Nodal (u_R, u_Z, phi), and p in the mixed form, shape (nodes, 3 or 4).
+            state: Nodal u by axis and phi, and p in the mixed form, shape (nodes, columns).
             internal: C_i of Maxwell branches at the Gauss points of `local.branch_cells`, (cells,
                 points, branches, 4).
 
@@ -54,13 +54,13 @@ class Fields:
             u (mm) and phi (kV); E (kV/mm) and D (uC/mm^2) in the deformed body; cauchy_stress and
             second_pk_stress (of the solid, per mesh area for the latter) and maxwell_stress, MPa:
             all that the field adds, electrostriction included where the permittivity depends on
-            stretch; J = det F; in the mixed form p (MPa, positive in tension). Vectors have
-            components (R, Z, theta), tensors (3, 3).
+            stretch; J = det F; in the mixed form p (MPa, positive in tension). Vectors and tensors
+            have the components of the kinematics.
         """
-        n = len(self._mesh.points)
+        n, axes = len(self._mesh.points), self._axes
         out: dict[str, Array] = {
-            "u": np.column_stack([state[:, :2], np.zeros(n)]),
-            "phi": state[:, 2].copy(),
+            "u": np.column_stack([state[:, :axes], np.zeros((n, 3 - axes))]),
+            "phi": state[:, axes].copy(),
             "E": np.zeros((n, 3)),
             "D": np.zeros((n, 3)),
             "cauchy_stress": np.zeros((n, 3, 3)),
@@ -68,32 +68,27 @@ class Fields:
             "maxwell_stress": np.zeros((n, 3, 3)),
             "J": np.ones(n),
         }
-        if state.shape[1] > 3:
-            out["p"] = state[:, 3].copy()
+        if state.shape[1] > axes + 1:
+            out["p"] = state[:, axes + 1].copy()
         for part in self._parts:
             part.average.into(out, self._of(part, state[part.cells], internal))
         return out
 
     def _of(self, part: _Part, nodal: Array, internal: Array | None) -> dict[str, Array]:
         """Values at the nodes of each cell of one material."""
-        material, k = part.material, part.points.kinematics(nodal[..., :2], nodal[..., 2])
+        material, k = part.material, part.points.deformation(nodal)
         found = {"J": self._at_nodes(k.J)}
         if material.permittivity:
-            e, eps = self._at_nodes(k.e), np.asarray(material.permittivity)
-            if material.slope:
-                eps = self._at_nodes(material.permittivity_at(k.F))
+            eps = self._at_nodes(np.broadcast_to(material.permittivity_at(k), k.J.shape))
+            e = self._at_nodes(k.e)
             found["E"], found["D"] = e, eps[..., None] * e
             found["maxwell_stress"] = local.maxwell(eps, e)
             if material.slope:
-                stretch = material.area_stretch(k.F)
-                stress = local.electrostriction(material.slope, stretch, k.F, k.e)
-                found["maxwell_stress"] += self._at_nodes(stress)
+                more = material.electric_stress(k) - local.maxwell(material.permittivity_at(k), k.e)
+                found["maxwell_stress"] += self._at_nodes(more)
         if material.law is not None:
-            pressure = nodal[..., 3] @ part.points.N.T if nodal.shape[-1] > 3 else None
-            S = local.second_pk(material.law, k.F, material.prestretch, pressure)
-            if material.branches and internal is not None:
-                mine = internal[part.viscous]
-                S += local.branches_pk(material.branches, k.F, mine, material.prestretch)
+            mine = None if internal is None else internal[part.viscous]
+            S = material.elastic_stress(k, part.points.pressure(nodal), mine)
             found["second_pk_stress"] = self._at_nodes(S)
             found["cauchy_stress"] = self._at_nodes(local.cauchy(k.F, S))
         return found

@@ -1,7 +1,8 @@
 """How near a film is to its limits, as utilisations: 1 is the limit, and above it is beyond.
 
-In the plane of the film, direction 1 is that of its meridian, F e_R, and 2 is the hoop. Maxwell
-branches add to the tension; stability is judged by the law alone, since branches relax.
+In the plane of the film, direction 1 is that of the deformed first in-plane component, F e_a, and
+2 is across it. Maxwell branches add to the tension; stability is judged by the law alone, since
+branches relax.
 """
 
 from __future__ import annotations
@@ -39,13 +40,11 @@ class Film:
     softens: bool
 
     @classmethod
-    def of(cls, config: Config) -> Film:
-        """The film of a config."""
-        material = local.region_materials(config)["film"]
+    def of(cls, material: local.RegionMaterial, fresh: bool) -> Film:
+        """The film of a material, whose branches may carry the pre-stretch at the start."""
         law = material.law
         assert law is not None
         rest = float(stiffness(law, 1.0, 1.0))
-        fresh = config.materials.film.mounted == "fresh"
         mounted = _mounted_tension(material, material.branches if fresh else ())
         return cls(material, mounted if mounted > 1e-9 * rest else rest / 2, rest, softens(law))
 
@@ -55,21 +54,20 @@ class Film:
         assert self.material.law is not None
         return self.material.law
 
-    @property
-    def prestretch(self) -> Array:
-        """Its stretches (radial, thickness, hoop) in the mesh."""
-        assert self.material.prestretch is not None
-        return self.material.prestretch
-
     def stretches(self, F: Array) -> tuple[Array, Array]:
-        """Stretches in the plane since the unstretched state, at deformations from the mesh."""
-        p = self.prestretch
-        return np.hypot(F[..., 0, 0], F[..., 1, 0]) * p[0], F[..., 2, 2] * p[2]
+        """Principal stretches in the plane since the unstretched state, at F from the mesh."""
+        a, b = (F[..., k] * self.material.stretch[k] for k in self.material.plane)
+        A, B = np.einsum("...i,...i", a, a), np.einsum("...i,...i", b, b)
+        C = np.einsum("...i,...i", a, b)
+        if not C.any():
+            return np.sqrt(A), np.sqrt(B)
+        half, mean = np.hypot((A - B) / 2, C), (A + B) / 2
+        return np.sqrt(mean + half), np.sqrt(mean - half)
 
     def tensions(
-        self, k: local.Kinematics, pressure: Array | None = None, internal: Array | None = None
+        self, k: local.Deformation, pressure: Array | None = None, internal: Array | None = None
     ) -> Array:
-        """In-plane true stresses of the material plus Maxwell's, (..., 2), MPa.
+        """In-plane true stresses of the material plus Maxwell's, (..., 3): 11, 22 and 12, MPa.
 
         Args:
             k: Deformation and field.
@@ -77,25 +75,16 @@ class Film:
             internal: C_i of its Maxwell branches, (..., branches, 4), if it has some.
         """
         m = self.material
-        S = local.second_pk(self.law, k.F, m.prestretch, pressure)
-        if internal is not None:
-            S += local.branches_pk(m.branches, k.F, internal, m.prestretch)
-        # t = F e_R / |F e_R| of the meridian, and F^T t
-        x, y = k.F[..., 0, 0], k.F[..., 1, 0]
-        length = np.hypot(x, y)
-        turned = (x * k.F[..., 0, 1] + y * k.F[..., 1, 1]) / length
-        radial = length * length * S[..., 0, 0] + turned * turned * S[..., 1, 1]
-        radial = radial + 2 * length * turned * S[..., 0, 1]
-        hoop = k.F[..., 2, 2] ** 2 * S[..., 2, 2]
-        # Maxwell's eps (e.t)^2 - eps e.e / 2, and electrostriction: alike in both directions
-        more = m.slope * m.area_stretch(k.F) if m.slope else 0.0
-        eps, square = m.permittivity + more, k.e[..., 0] ** 2 + k.e[..., 1] ** 2
-        electric = -(eps + more / 2) * square / 2
-        radial = radial / k.J + eps * ((x * k.e[..., 0] + y * k.e[..., 1]) / length) ** 2
-        return np.stack([radial + electric, hoop / k.J + electric], axis=-1)
+        S = m.elastic_stress(k, pressure, internal)
+        stress = local.cauchy(k.F, S) + m.electric_stress(k)
+        first = k.F[..., m.plane[0]]
+        one = first / np.linalg.norm(first, axis=-1)[..., None]
+        two = np.cross(m.normal_at(k), one)
+        pairs = ((one, one), (two, two), (one, two))
+        return np.stack([np.einsum("...i,...ij,...j", x, stress, y) for x, y in pairs], axis=-1)
 
     def wrinkling(self, tensions: Array) -> Array:
-        """Share of the mounted tension that is lost, from tensions (..., 2) averaged across.
+        """Share of the mounted tension that is lost, from tensions (..., 3) averaged across.
 
         A membrane wrinkles where it has no tension left in some direction of its plane (for
         dielectric elastomers: J.-S. Plante and S. Dubowsky, Int. J. Solids Struct. 43 (2006)
@@ -103,9 +92,9 @@ class Film:
         thickness. A film mounted without pre-stretch has no tension to lose: then it counts from
         its shear modulus, and is at its limit at rest.
         """
-        return np.asarray(1 - tensions.min(axis=-1) / self.tension)
+        return np.asarray(1 - smallest(tensions) / self.tension)
 
-    def pull_in(self, k: local.Kinematics) -> Array:
+    def pull_in(self, k: local.Deformation) -> Array:
         """Field over the one at which the film at its present stretches loses stability.
 
         The free energy of an incompressible film in terms of its in-plane stretches and electric
@@ -121,7 +110,7 @@ class Film:
         gradient, hessian = curvature(self.law, *self.stretches(k.F))
         a, c = hessian[0] - gradient[0], hessian[1] - gradient[1]
         b = hessian[2]
-        rising = self.material.slope * self.material.area_stretch(k.F)
+        rising = self.material.slope * self.material.area_stretch(k)
         own, cross = (
             n * self.material.permittivity + f * rising for n, f in ((1, 1.875), (2, 3.125))
         )
@@ -159,33 +148,36 @@ def _mounted_tension(material: local.RegionMaterial, fresh: tuple[Branch, ...]) 
     assert law is not None
 
     def stress(across: float) -> Array:
-        F = np.diag([1.0, across, 1.0])
+        F = np.diag(np.insert(np.ones(2), material.normal, across))
         S = local.second_pk(law, F, material.prestretch)
-        S += local.branches_pk(fresh, F, internal, material.prestretch)
+        S = S + local.branches_pk(fresh, F, internal, material.prestretch)
         return np.diag(local.cauchy(F, S))
 
     def free(across: float) -> float:
-        return float(stress(across)[1])
+        return float(stress(across)[material.normal])
 
     across = 1.0
     if fresh:
         ends = bracket(free, 1.0, 10.0)  # the volume alone sees to both signs
         assert ends is not None
         across = float(brentq(free, *ends, xtol=1e-14))
-    radial, _, hoop = stress(across)
-    return float(min(radial, hoop))
+    return float(stress(across)[list(material.plane)].min())
 
 
-def meridional_stretch(F: Array) -> Array:
-    """Larger principal stretch in the R-Z plane, shape F.shape[:-2]."""
-    a, b = F[..., 0, 0] ** 2 + F[..., 1, 0] ** 2, F[..., 0, 1] ** 2 + F[..., 1, 1] ** 2
-    c = F[..., 0, 0] * F[..., 0, 1] + F[..., 1, 0] * F[..., 1, 1]
-    return np.asarray(np.sqrt((a + b) / 2 + np.hypot((a - b) / 2, c)))
+def smallest(tensions: Array) -> Array:
+    """Smaller principal value of in-plane stresses (..., 3)."""
+    a, b, c = np.moveaxis(tensions, -1, 0)
+    return np.asarray(np.minimum(a, b) if not c.any() else (a + b) / 2 - np.hypot((a - b) / 2, c))
 
 
 def principal_stretch(F: Array) -> Array:
     """Largest principal stretch, shape F.shape[:-2]."""
-    return np.maximum(meridional_stretch(F), F[..., 2, 2])
+    C = np.swapaxes(F, -1, -2) @ F
+    if not (C[..., 0, 2].any() or C[..., 1, 2].any()):
+        half, mean = (C[..., 0, 0] - C[..., 1, 1]) / 2, (C[..., 0, 0] + C[..., 1, 1]) / 2
+        plane = mean + np.hypot(half, C[..., 0, 1])
+        return np.asarray(np.sqrt(np.maximum(plane, C[..., 2, 2])))
+    return np.asarray(np.sqrt(np.linalg.eigvalsh(C)[..., -1]))
 
 
 # --- fields --------------------------------------------------------------------------------------
@@ -194,44 +186,64 @@ def principal_stretch(F: Array) -> Array:
 def fields(
     config: Config, mesh: ResultMesh, state: Array, internal: Array | None = None
 ) -> dict[str, Array]:
-    """Nodal margins of the film, 0 elsewhere: those of the history, pointwise.
+    """Nodal margins of the films, 0 elsewhere: those of the history, pointwise.
 
-    `wrinkling_use` is constant through the thickness, as its stress is; `tension`, the smallest
-    in-plane true stress (MPa), is that of each point.
+    `wrinkling_use` is constant through the thickness of a layer, as its stress is; `tension`, the
+    smallest in-plane true stress (MPa), is that of each point.
 
     Args:
         config: The config of the run.
         mesh: Mesh of the results.
-        state: Nodal values, (nodes, 3 or 4).
+        state: Nodal values, (nodes, columns).
         internal: As for `dealib.results.fields`.
     """
-    film, cells = Film.of(config), mesh.in_region("film")
-    points = local.Points.of(mesh.cell, mesh.corners[cells], mesh.cell.gauss)
-    nodal = state[mesh.cells[cells]]
-    k = points.kinematics(nodal[..., :2], nodal[..., 2])
-    pressure = nodal[..., 3] @ points.N.T if state.shape[1] > 3 else None
-    if internal is not None and film.material.branches:
-        internal = internal[np.searchsorted(local.branch_cells(config, mesh), cells)]
-    else:
-        internal = None
-    tensions = film.tensions(k, pressure, internal)
-    corners = mesh.corners[cells]
-    columns = Columns.of(edges(corners, points.position), corners, points.position)
-    wrinkling = film.wrinkling(columns.average(tensions, k))
-    found = {
-        "tension": tensions.min(axis=-1),
-        "wrinkling_use": wrinkling[columns.column],
-        "pull_in_use": np.minimum(film.pull_in(k), 2.0),  # bounded, to be drawn
-    }
-    if film.softens:
-        found["stability_use"] = film.softening(k.F)
-    if film.law.locks:
-        found["locking_use"] = film.extension(k.F)
-    if config.limits.breakdown is not None:
-        found["breakdown_use"] = np.linalg.norm(k.e, axis=-1) / config.limits.breakdown
-    if config.limits.stretch_max is not None:
-        stretch = principal_stretch(k.F * film.prestretch)
-        found["stretch_use"] = stretch / config.limits.stretch_max
-    out = {name: np.zeros(len(mesh.points)) for name in found}
-    mesh.average({n: values @ mesh.cell.from_gauss.T for n, values in found.items()}, cells, out)
+    out: dict[str, Array] = {}
+    viscous = local.branch_cells(config, mesh)
+    for material, regions in local.film_groups(config).values():
+        cells = mesh.in_region(*regions)
+        film = Film.of(material, mounted_fresh(config, regions[0]))
+        nodes, nodal = mesh.nodes[cells], state[mesh.cells[cells]]
+        points = local.Points.of(config.device.kinematics, mesh.cell, nodes, mesh.cell.gauss)
+        k = points.deformation(nodal)
+        mine = internal
+        if mine is not None and material.branches:
+            mine = mine[np.searchsorted(viscous, cells)]
+        tensions = film.tensions(k, points.pressure(nodal), mine)
+        averaged = tensions
+        if layered(config, regions):
+            normal, position = material.normal, points.position
+            along = position[..., 1 - normal]
+            bounds = edges(mesh.cell, nodes, along, normal)
+            columns = Columns.of(bounds, along, nodes, mesh.cell.corners)
+            averaged = columns.average(tensions, k)[columns.column]
+        found = {
+            "tension": smallest(tensions),
+            "wrinkling_use": film.wrinkling(averaged),
+            "pull_in_use": np.minimum(film.pull_in(k), 2.0),  # bounded, to be drawn
+        }
+        if film.softens:
+            found["stability_use"] = film.softening(k.F)
+        if film.law.locks:
+            found["locking_use"] = film.extension(k.F)
+        if config.limits.breakdown is not None:
+            found["breakdown_use"] = np.linalg.norm(k.e, axis=-1) / config.limits.breakdown
+        if config.limits.stretch_max is not None:
+            stretch = principal_stretch(k.F * material.stretch)
+            found["stretch_use"] = stretch / config.limits.stretch_max
+        for name in found:
+            out.setdefault(name, np.zeros(len(mesh.points)))
+        at_nodes = {n: values @ mesh.cell.from_gauss.T for n, values in found.items()}
+        mesh.average(at_nodes, cells, out)
     return out
+
+
+def mounted_fresh(config: Config, region: str) -> bool:
+    """Whether the branches of a region carry its pre-stretch at the start."""
+    material = config.device.region(region).material
+    return material is not None and config.materials[material].mounted == "fresh"
+
+
+def layered(config: Config, regions: tuple[str, ...]) -> bool:
+    """Whether regions are layers in a plane, over whose thickness stresses are averaged."""
+    device = config.device
+    return device.kinematics.dim == 2 and device.region(regions[0]).normal is not None

@@ -20,7 +20,7 @@ class ResultMesh:
 
     Attributes:
         cell: Reference cell.
-        points: Node coordinates (nodes, 2), (R, Z) in mm.
+        points: Node coordinates (nodes, axes), mm.
         cells: Nodes of each cell, VTK's order.
         region: Region id of each cell.
         names: Region names by id.
@@ -34,14 +34,14 @@ class ResultMesh:
 
     @classmethod
     def number(
-        cls, cell: Cell, shared: Any, corners: Array, region: Any, names: tuple[str, ...]
+        cls, cell: Cell, shared: Any, nodes: Array, region: Any, names: tuple[str, ...]
     ) -> ResultMesh:
         """Number the nodes by first appearance, once a region.
 
         Args:
             cell: Reference cell.
             shared: Any number of each cell's nodes that is equal where cells share a node.
-            corners: Corner coordinates of each cell.
+            nodes: Coordinates of each cell's nodes, (cells, nodes, axes).
             region: Region id of each cell.
             names: Region names by id.
         """
@@ -50,9 +50,8 @@ class ResultMesh:
         rank = np.empty(len(first), dtype=np.int64)
         rank[np.argsort(first)] = np.arange(len(first))
         cells = rank[inverse].reshape(key.shape)
-        N, _ = Cell(cell.name, 1).shape(cell.nodes)
-        points = np.empty((len(first), 2))
-        points[cells] = np.einsum("pn,cni->cpi", N, corners)
+        points = np.empty((len(first), nodes.shape[-1]))
+        points[cells] = nodes
         return cls(cell, points, cells, np.asarray(region, dtype=np.int64), names)
 
     @property
@@ -64,13 +63,19 @@ class ResultMesh:
         return digest.hexdigest()
 
     @property
+    def nodes(self) -> Array:
+        """Coordinates of each cell's nodes, (cells, nodes, axes)."""
+        return np.asarray(self.points[self.cells])
+
+    @property
     def corners(self) -> Array:
-        """Corner coordinates of each cell, (cells, corners, 2)."""
+        """Corner coordinates of each cell, (cells, corners, axes)."""
         return np.asarray(self.points[self.cells[:, : self.cell.corners]])
 
-    def in_region(self, name: str) -> Ints:
-        """Indices of the cells of a region."""
-        return np.flatnonzero(self.region == self.names.index(name))
+    def in_region(self, *names: str) -> Ints:
+        """Indices of the cells of regions, sorted."""
+        ids = [self.names.index(name) for name in names]
+        return np.flatnonzero(np.isin(self.region, ids))
 
     def to_nodes(self, by_cell: Array) -> Array:
         """Nodal values from values by cell of a quantity that is continuous."""

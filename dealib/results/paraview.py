@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from dealib.geometry import names
+from dealib.device.records import AIR
 from dealib.results.mesh import ResultMesh
 from dealib.results.store import FIELDS, HISTORY, write_text
 
@@ -76,7 +76,7 @@ def write(directory: Path, mesh: ResultMesh) -> None:
     Raises:
         PlatformError: If the disk refuses.
     """
-    shown = [i for i, name in enumerate(mesh.names) if name != names.AIR]
+    shown = [i for i, name in enumerate(mesh.names) if name != AIR]
     text = _TEXT.format(
         regions=", ".join(f"{i} {name}" for i, name in enumerate(mesh.names)),
         path=str(directory.resolve() / SCRIPT),

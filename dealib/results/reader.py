@@ -99,7 +99,7 @@ class Run:
         return h5py.File(self.directory / store.STATES, "r")
 
     def state(self, index: int = -1) -> Array:
-        """Nodal values of the index-th stored step, (nodes, 3 or 4), see `store.COMPONENTS`."""
+        """Nodal values of the index-th stored step, (nodes, columns), with the columns of `attrs['components']`."""
         found = self._stored("states", index)
         assert found is not None
         return found
@@ -139,7 +139,8 @@ class Run:
         mesh = self.mesh
         cells = np.column_stack([np.full(len(mesh.cells), mesh.cells.shape[1]), mesh.cells])
         kinds = np.full(len(cells), mesh.cell.vtk_type, dtype=np.uint8)
-        points = np.column_stack([mesh.points, np.zeros(len(mesh.points))])
+        n, axes = mesh.points.shape
+        points = np.column_stack([mesh.points, np.zeros((n, 3 - axes))])
         grid = pv.UnstructuredGrid(cells.ravel(), kinds, points)
         for name, values in self.arrays(index).items():
             grid.point_data[name] = values.reshape(len(points), -1).squeeze()

@@ -23,7 +23,6 @@ from dealib.results.mesh import ResultMesh
 
 HISTORY, STATES, FIELDS, INFO = "history.csv", "results.h5", "fields.xdmf", "run.json"
 FIELD_DATA = "fields"  # folder of the HDF5 files beside fields.xdmf
-COMPONENTS = ["u_R_mm", "u_Z_mm", "phi_kV", "p_MPa"]  # the last one in the mixed form only
 STATE_DATA = "states"  # the same beside results.h5, while the run goes on
 
 
@@ -87,13 +86,21 @@ class StateFile:
     Args:
         directory: The run directory.
         mesh: Mesh of the states.
+        axes: Names of its coordinates.
         texts: What else to store, by name.
         keep: Go on after this step; later ones are dropped.
     """
 
     def __init__(
-        self, directory: Path, mesh: ResultMesh, texts: Mapping[str, str], keep: int = -1
+        self,
+        directory: Path,
+        mesh: ResultMesh,
+        axes: tuple[str, ...],
+        texts: Mapping[str, str],
+        keep: int = -1,
     ) -> None:
+        # the last component in the mixed form only
+        self._components = [*(f"u_{axis}_mm" for axis in axes), "phi_kV", "p_MPa"]
         self.path, self.folder = directory / STATES, directory / STATE_DATA
         with guarded(self.folder):
             self.folder.mkdir(exist_ok=True)
@@ -130,7 +137,7 @@ class StateFile:
             with new_hdf5(self.folder / f"{name}.h5") as file:
                 file["state"] = state
                 file["state"].attrs["time_s"] = row["time_s"]
-                file["state"].attrs["components"] = COMPONENTS[: state.shape[1]]
+                file["state"].attrs["components"] = self._components[: state.shape[1]]
                 if internal is not None:
                     file["internal"] = internal
             self._link_state(name, internal is not None)
@@ -232,7 +239,8 @@ class FieldFile:
             self.data.mkdir(exist_ok=True)
         self.mesh = mesh
         self._grids = self._reopen(keep)
-        points = np.column_stack([mesh.points, np.zeros(len(mesh.points))])
+        n, axes = mesh.points.shape
+        points = np.column_stack([mesh.points, np.zeros((n, 3 - axes))])
         self._write("mesh.h5", {"points": points, "cells": mesh.cells, "region": mesh.region})
 
     def add(self, step: int, time: float, fields: Mapping[str, Array]) -> None:

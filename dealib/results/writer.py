@@ -83,7 +83,9 @@ class StepWriter:
         self.seconds = 0.0
         self._mesh = mesh.fingerprint
         self._history = store.HistoryFile(directory, done)
-        self._states = store.StateFile(directory, mesh, opening.texts, done)
+        self._states = store.StateFile(
+            directory, mesh, opening.config.device.kinematics.axes, opening.texts, done
+        )
         self._checkpoint = CheckpointFolder(directory)
         self._fields: store.FieldFile | None = None
         if opening.config.output.fields != "none":

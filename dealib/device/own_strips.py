@@ -1,4 +1,4 @@
-"""Whether a mesh file is what the geometry of its config says."""
+"""Whether a mesh file is what the annular strips of its config say."""
 
 from __future__ import annotations
 
@@ -8,26 +8,43 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from dealib.config.schema import Geometry
+from dealib.device.grid import AIR_BOTTOM, AIR_END, AIR_START, AIR_TOP
+from dealib.device.laminate import FRAME_BLOCK, MOUNT_BLOCK
+from dealib.device.records import AIR
+from dealib.device.shapes import AnnularStrips
 from dealib.errors import ConfigError
-from dealib.geometry import names
 
 _QUAD, _TRIANGLE = 3, 2  # Gmsh's element types
 _TOLERANCE = 1e-6  # of the outer radius
+_FILM, _TOP, _BOTTOM = "film", "top_electrode", "bottom_electrode"
+_FACES = ("inner", "outer", "film_top", "film_bottom")
 
 Box = npt.NDArray[np.float64]
 
 # optional region -> the key that says whether there is one
 _SAID_BY = {
-    names.TOP_ELECTRODE: "electrode_thickness",
-    names.BOTTOM_ELECTRODE: "electrode_thickness",
-    names.AIR: "air_height",
-    names.MOUNT_BLOCK: "clamps",
-    names.FRAME_BLOCK: "clamps",
+    _TOP: "electrode_thickness",
+    _BOTTOM: "electrode_thickness",
+    AIR: "air_height",
+    MOUNT_BLOCK: "clamps",
+    FRAME_BLOCK: "clamps",
 }
 
 
-def check(model: Any, path: str, geometry: Geometry) -> None:
+def _expected(geometry: AnnularStrips) -> dict[str, int]:
+    """Names that a mesh of this geometry must have, with their dimension."""
+    regions, curves = [_FILM], [*_FACES]
+    if geometry.electrode_thickness > 0:
+        regions += [_TOP, _BOTTOM]
+    if geometry.clamps is not None:
+        regions += [MOUNT_BLOCK, FRAME_BLOCK]
+    if geometry.air_height > 0:
+        regions += [AIR]
+        curves += [AIR_START, AIR_END, AIR_TOP, AIR_BOTTOM]
+    return dict.fromkeys(regions, 2) | dict.fromkeys(curves, 1)
+
+
+def check(model: Any, path: str, geometry: AnnularStrips) -> None:
     """Compare the open Gmsh model with a geometry: names, kinds of cells, extents of regions.
 
     Only extents are compared, and of electrodes and air only how far they reach in Z, so that
@@ -40,9 +57,9 @@ def check(model: Any, path: str, geometry: Geometry) -> None:
         raise ConfigError(f"mesh.file {path}: {problem}")
 
 
-def _problems(model: Any, geometry: Geometry) -> Iterator[str]:
+def _problems(model: Any, geometry: AnnularStrips) -> Iterator[str]:
     groups = {model.getPhysicalName(d, t): d for d, t in model.getPhysicalGroups()}
-    expected = names.expected(geometry)
+    expected = _expected(geometry)
     missing = [n for n, d in expected.items() if groups.get(n) != d]
     if missing:
         yield (
@@ -52,12 +69,12 @@ def _problems(model: Any, geometry: Geometry) -> Iterator[str]:
     for region in (n for n, d in groups.items() if d == 2 and n not in expected):
         if region in _SAID_BY:
             yield f"it has {region!r}, but geometry.{_SAID_BY[region]} says that there is none"
-        yield f"it has a surface {region!r}; known are {', '.join((names.FILM, *_SAID_BY))}"
+        yield f"it has a surface {region!r}; known are {', '.join((_FILM, *_SAID_BY))}"
     kinds = set(map(int, model.mesh.getElements(2)[0]))
     if kinds not in ({_QUAD}, {_TRIANGLE}):
         yield "all cells must be 4-node quadrilaterals, or all 3-node triangles"
     boxes = _boxes(model)
-    yield from _film(boxes[names.FILM], geometry)
+    yield from _film(boxes[_FILM], geometry)
     for region, key, axis, end, wanted in _sides(geometry):
         got = boxes[region][end, "RZ".index(axis)]
         if abs(got - wanted) > _TOLERANCE * geometry.outer_radius:
@@ -81,7 +98,7 @@ def _boxes(model: Any) -> dict[str, Box]:
     return found
 
 
-def _film(got: Box, g: Geometry) -> Iterator[str]:
+def _film(got: Box, g: AnnularStrips) -> Iterator[str]:
     half = g.film_thickness / 2
     wanted = np.array([[g.inner_radius, -half], [g.outer_radius, half]])
     if np.abs(got - wanted).max() > _TOLERANCE * g.outer_radius:
@@ -92,17 +109,17 @@ def _film(got: Box, g: Geometry) -> Iterator[str]:
         )
 
 
-def _sides(g: Geometry) -> Iterator[tuple[str, str, str, int, float]]:
+def _sides(g: AnnularStrips) -> Iterator[tuple[str, str, str, int, float]]:
     """Region, key, axis, lower (0) or upper (1) end, and where it must be."""
     if g.electrode_thickness > 0:
-        yield names.TOP_ELECTRODE, "electrode_thickness", "Z", 1, g.half_thickness
-        yield names.BOTTOM_ELECTRODE, "electrode_thickness", "Z", 0, -g.half_thickness
+        yield _TOP, "electrode_thickness", "Z", 1, (g.film_thickness / 2 + g.electrode_thickness)
+        yield _BOTTOM, "electrode_thickness", "Z", 0, -(g.film_thickness / 2 + g.electrode_thickness)
     if g.clamps is not None:
-        for region in (names.MOUNT_BLOCK, names.FRAME_BLOCK):
+        for region in (MOUNT_BLOCK, FRAME_BLOCK):
             yield region, "clamps.height", "Z", 0, -g.clamps.height
             yield region, "clamps.height", "Z", 1, g.clamps.height
-        yield names.MOUNT_BLOCK, "clamps.width", "R", 0, g.inner_radius - g.clamps.width
-        yield names.FRAME_BLOCK, "clamps.width", "R", 1, g.outer_radius + g.clamps.width
+        yield MOUNT_BLOCK, "clamps.width", "R", 0, g.inner_radius - g.clamps.width
+        yield FRAME_BLOCK, "clamps.width", "R", 1, g.outer_radius + g.clamps.width
     if g.air_height > 0:
-        yield names.AIR, "air_height", "Z", 0, -g.air_height
-        yield names.AIR, "air_height", "Z", 1, g.air_height
+        yield AIR, "air_height", "Z", 0, -g.air_height
+        yield AIR, "air_height", "Z", 1, g.air_height

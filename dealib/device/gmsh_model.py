@@ -11,7 +11,8 @@ from typing import Any
 
 from dealib.config.schema import Config
 from dealib.errors import ConfigError, PlatformError
-from dealib.geometry import annular_strips, own_mesh
+from dealib.device import own_mesh, own_strips
+from dealib.device.shapes import AnnularStrips, MeshShape
 
 
 @contextmanager
@@ -23,13 +24,14 @@ def gmsh_model(config: Config) -> Iterator[Any]:
     """
     import gmsh
 
+    laminate = config.device.laminate
     gmsh.initialize(interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
-        if config.mesh.file is None:
+        if config.mesh.file is None and laminate is not None:
             gmsh.model.add(config.name)
-            annular_strips.build(gmsh, config.geometry, config.mesh)
+            laminate.grid(config.mesh).build(gmsh)
         else:
             _read(gmsh, config)
         yield gmsh
@@ -81,10 +83,14 @@ def cells_by_region(model: Any) -> dict[str, int]:
 
 
 def _read(gmsh: Any, config: Config) -> None:
-    path = config.mesh.file
+    geometry = config.geometry
+    path = geometry.file if isinstance(geometry, MeshShape) else config.mesh.file
     try:
         gmsh.open(path)
     except Exception:  # gmsh raises plain Exception
         reason = gmsh.logger.getLastError() or "unknown format"
         raise ConfigError(f"mesh.file {path}: Gmsh cannot read it: {reason}") from None
-    own_mesh.check(gmsh.model, str(path), config.geometry)
+    if isinstance(geometry, MeshShape):
+        own_mesh.prepare(gmsh, config, geometry)
+    elif isinstance(geometry, AnnularStrips):
+        own_strips.check(gmsh.model, str(path), geometry)

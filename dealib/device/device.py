@@ -1,0 +1,65 @@
+"""The whole device: its space, regions, supports and ports."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from dealib.device.kinematics import Kinematics
+from dealib.device.laminate import Laminate
+from dealib.device.records import Port, PortKind, Region, Sizes, Support
+
+
+@dataclass(frozen=True)
+class Device:
+    """Regions, supports and ports of a device, and what its mesh is made from.
+
+    Attributes:
+        kinematics: Its space.
+        regions: In a fixed order.
+        supports: In order; where two meet, the later one holds.
+        ports: In order.
+        boundaries: Names of boundaries that the user may refer to.
+        sizes: Characteristic sizes; None: those of its mesh.
+        laminate: Layers on a base; None if the mesh comes from a file.
+    """
+
+    kinematics: Kinematics
+    regions: tuple[Region, ...]
+    supports: tuple[Support, ...]
+    ports: tuple[Port, ...]
+    boundaries: tuple[str, ...] = ()
+    sizes: Sizes | None = None
+    laminate: Laminate | None = None
+
+    def region(self, name: str) -> Region:
+        """A region by name."""
+        return next(r for r in self.regions if r.name == name)
+
+    def of(self, kind: PortKind) -> tuple[Port, ...]:
+        """Its ports of one kind."""
+        return tuple(port for port in self.ports if port.kind == kind)
+
+    @cached_property
+    def by_name(self) -> dict[str, Port]:
+        """Its ports."""
+        return {port.name: port for port in self.ports}
+
+    @cached_property
+    def variables(self) -> dict[str, Port]:
+        """Port of each variable, such as 'voltage', or 'voltage.NAME' where there are several."""
+        return {
+            variable.name + port.suffix: port
+            for port in self.ports
+            for variable in port.kind.variables
+        }
+
+    @property
+    def solids(self) -> tuple[Region, ...]:
+        """Regions with a material."""
+        return tuple(r for r in self.regions if r.material is not None)
+
+    @property
+    def has_air(self) -> bool:
+        """Whether air surrounds it."""
+        return any(r.air for r in self.regions)

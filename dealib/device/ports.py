@@ -1,0 +1,63 @@
+"""Terminals, mounts, holds and chambers in the config."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, TypeAlias
+
+from pydantic import BeforeValidator, Field
+
+from dealib.device.shapes import Within
+from dealib.section import Section
+from dealib.units import Mass
+
+
+def _listed(value: object) -> object:
+    return [value] if isinstance(value, str) else value
+
+
+if TYPE_CHECKING:
+    Names: TypeAlias = tuple[str, ...]
+else:
+    Names = Annotated[
+        tuple[str, ...],
+        Field(min_length=1),
+        BeforeValidator(_listed, json_schema_input_type=str | tuple[str, ...]),
+    ]
+
+
+class Terminal(Section):
+    """An electrode: a conducting region, or a face that carries one without thickness."""
+
+    on: Names = Field(description="regions and faces that it consists of")
+    within: Within | None = Field(
+        None, description="part of the face, [from, to] along the base; default all of it"
+    )
+    ground: bool = Field(False, description="it is at 0 V, and no port")
+
+
+class Mount(Section):
+    """A rigid part that moves along one axis; displacements along the others are held."""
+
+    on: Names = Field(description="regions and boundaries that are fixed to it")
+    along: str = Field(description="axis of its motion, such as Z")
+    mass: Mass = Field(0.0, ge=0, description="of the rigid part, for motion in time")
+    free: tuple[str, ...] = Field((), description="axes along which it does not hold the body")
+
+
+class Hold(Section):
+    """A part that does not move along some axes."""
+
+    on: Names = Field(description="regions and boundaries")
+    fix: Names = Field(description="axes, such as [R, Z]")
+
+
+class Chamber(Section):
+    """A closed space on one side of faces, whose pressure acts on them."""
+
+    on: Names = Field(description="faces of solids on which the pressure acts, towards the solid")
+    along: str | None = Field(
+        None,
+        description="axis of the walls that close it at the faces' rim; default that across the "
+        "layers, or Z. The pressure on these walls acts on the rim, which may move along them: of "
+        "a tube R, so that both ends are closed by rigid caps",
+    )

@@ -1,0 +1,170 @@
+"""What a device is made of: regions, what holds them, and ports through which it is driven."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+PHI = "phi"  # the potential, beside the axes' names of displacements
+AIR = "air"
+_PERMITTIVITY_OF_AIR = 1.0
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A quantity at a port.
+
+    Attributes:
+        name: Such as 'displacement'.
+        unit: Of its column in the history.
+        dimension: Key of `dealib.units.DIMENSIONS`.
+        factor: From the internal unit to that of the column.
+    """
+
+    name: str
+    unit: str
+    dimension: str
+    factor: float = 1.0
+
+    @property
+    def column(self) -> str:
+        """Stem of its column, such as 'displacement_mm'."""
+        return f"{self.name}_{self.unit}"
+
+
+@dataclass(frozen=True)
+class PortKind:
+    """One way to drive a device: a value, and what is dual to it in the work.
+
+    Attributes:
+        name: In the config and in messages.
+        primal: The value that the port's unknowns share.
+        dual: Its dual, `sign` times the derivative of the potential by the primal.
+        sign: 1 if work is dual d(primal), -1 if it is primal d(dual).
+    """
+
+    name: str
+    primal: Variable
+    dual: Variable
+    sign: float
+
+    @property
+    def variables(self) -> tuple[Variable, Variable]:
+        """Both."""
+        return self.primal, self.dual
+
+
+MOUNT = PortKind(
+    "mount", Variable("displacement", "mm", "length"), Variable("force", "N", "force"), 1.0
+)
+TERMINAL = PortKind(
+    "terminal", Variable("voltage", "kV", "voltage"), Variable("charge", "uC", "charge"), -1.0
+)
+CHAMBER = PortKind(
+    "chamber",
+    Variable("pressure", "kPa", "stress", 1e3),
+    Variable("volume", "mm3", "volume"),
+    -1.0,
+)
+KINDS = {kind.name: kind for kind in (MOUNT, TERMINAL, CHAMBER)}
+KIND_OF = {variable.name: kind for kind in KINDS.values() for variable in kind.variables}
+
+
+@dataclass(frozen=True)
+class Port:
+    """One port of a device.
+
+    Attributes:
+        kind: What it is.
+        name: Its name.
+        on: Regions and boundaries that it takes hold of.
+        suffix: Of its columns: '.NAME' where a device has several of its kind.
+        along: Axis of a mount's motion, or of a chamber's walls.
+        mass: Of a rigid mount, kg.
+        floating: Whether it is a conductor that nothing is connected to: without charge.
+    """
+
+    kind: PortKind
+    name: str
+    on: tuple[str, ...]
+    suffix: str = ""
+    along: str = ""
+    mass: float = 0.0
+    floating: bool = False
+
+    def column(self, variable: Variable) -> str:
+        """Column of one of its variables in the history."""
+        return variable.column + self.suffix
+
+    def named(self, text: str) -> str:
+        """A column of this port's own, such as 'mount_work_mJ'."""
+        return text + self.suffix
+
+
+@dataclass(frozen=True)
+class Region:
+    """A named part of the mesh.
+
+    Attributes:
+        name: As in the mesh.
+        material: Key of `materials`; None for air and rigid blocks.
+        permittivity: Relative one of air and rigid blocks.
+        normal: Component across the layer (see `Kinematics.components`); None if it is no layer.
+    """
+
+    name: str
+    material: str | None
+    permittivity: float | None = None
+    normal: int | None = None
+
+    @property
+    def air(self) -> bool:
+        """Whether it is air, which only carries the field."""
+        return self.name == AIR or self.name.startswith(f"{AIR}.")
+
+
+def air(name: str = AIR) -> Region:
+    """A region of air."""
+    return Region(name, None, _PERMITTIVITY_OF_AIR)
+
+
+@dataclass(frozen=True)
+class Support:
+    """All unknowns of one quantity on a named region or boundary follow a target.
+
+    Attributes:
+        quantity: Displacement by its axis, such as 'Z', or `PHI`.
+        where: Name of the region or boundary.
+        port: Name of the port whose value they take; empty: they are zero.
+        kind: Its kind.
+    """
+
+    quantity: str
+    where: str
+    port: str = ""
+    kind: str = ""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Characteristic sizes, which residuals and path lengths are compared with.
+
+    Attributes:
+        thickness: Of the film, mm.
+        span: Length along which it is stretched, mm.
+        width: Of the cross-section that carries the force, mm.
+        area: Of the electrodes, mm^2.
+        around: Area over which air is moved for a unit height, mm.
+        height: Of the air, mm; 0 without.
+    """
+
+    thickness: float
+    span: float
+    width: float
+    area: float
+    around: float
+    height: float = 0.0
+
+    @property
+    def volume(self) -> float:
+        """Of the film, mm^3."""
+        return self.area * self.thickness

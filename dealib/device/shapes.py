@@ -1,0 +1,226 @@
+"""Shapes of devices in the config: each is a section and says what laminate or mesh it stands for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from dealib.device.bases import Annulus, AnyBase, check_radii
+from dealib.device.kinematics import SPACES, Kinematics
+from dealib.device.laminate import Blocks, Laminate, Layer
+from dealib.errors import ValueAt
+from dealib.section import Section
+from dealib.units import Length
+
+Conducts = Callable[[str], bool]  # whether a material is a conductor
+
+
+class Clamps(Section):
+    """Rigid dielectric blocks around both ends of the strips; the inner one is the mount."""
+
+    width: Length = Field(gt=0, description="radial width of each block")
+    height: Length = Field(gt=0, description="height above and below the middle plane")
+    relative_permittivity: float = Field(3.0, ge=1, description="of the blocks")
+
+
+class AnnularStrips(Section):
+    """Axisymmetric electrode - elastomer - electrode strip, as mounted, in air."""
+
+    shape: Literal["annular_strips"] = "annular_strips"
+    inner_radius: Length = Field(gt=0, description="radius of the rigid centre mount")
+    outer_radius: Length = Field(gt=0, description="inner radius of the rigid frame")
+    film_thickness: Length = Field(gt=0, description="as mounted, that is pre-stretched")
+    electrode_thickness: Length = Field(
+        ge=0, description="0 um: no electrode bodies, the film's faces are the electrodes"
+    )
+    air_height: Length = Field(
+        0.0, ge=0, description="air above and below, from the middle plane; 0 mm: no air"
+    )
+    clamps: Clamps | None = Field(None, description="rigid mount and frame blocks")
+
+    def laminate(self, conducts: Conducts) -> Laminate:
+        """The laminate that it is short for."""
+        ring = {"inner_radius": self.inner_radius, "outer_radius": self.outer_radius}
+        base = Annulus.model_construct(kind="annulus", **ring)
+        film = Layer("film", "film", self.film_thickness, False)
+        layers = [film]
+        if self.electrode_thickness > 0:
+            names = "bottom_electrode", "top_electrode"
+            low, high = (Layer(n, "electrode", self.electrode_thickness, True) for n in names)
+            layers = [low, film, high]
+        c = self.clamps
+        blocks = Blocks(c.width, c.height, c.relative_permittivity) if c is not None else None
+        return Laminate(base, tuple(layers), self.air_height, blocks, face="{layer}_{side}")
+
+    @model_validator(mode="after")
+    def _possible(self) -> AnnularStrips:
+        check_radii(self.inner_radius, self.outer_radius)
+        solid = self.film_thickness / 2 + self.electrode_thickness
+        if self.clamps is not None:
+            if self.clamps.width >= self.inner_radius:
+                raise ValueAt(
+                    ("clamps", "width"),
+                    f"{self.clamps.width:g} mm must be below "
+                    f"inner_radius ({self.inner_radius:g} mm)",
+                )
+            if self.clamps.height <= solid:
+                raise ValueAt(
+                    ("clamps", "height"),
+                    f"{self.clamps.height:g} mm must exceed half the strips' "
+                    f"thickness ({solid:g} mm)",
+                )
+            solid = self.clamps.height
+        check_air(self.air_height, solid)
+        return self
+
+
+def check_air(height: float, solid: float) -> None:
+    """Raise `ValueAt` if air does not reach beyond the solid in it."""
+    if 0 < height <= solid:
+        problem = f"{height:g} mm must exceed the solid below it ({solid:g} mm), or be 0 mm"
+        raise ValueAt(("air_height",), problem)
+
+
+# --- laminates -----------------------------------------------------------------------------------
+
+
+def along_axis(value: object) -> object:
+    """A part of the base, given as [from, to] or under the name of its axis."""
+    if isinstance(value, Mapping) and len(value) == 1:
+        return next(iter(value.values()))
+    return value
+
+
+Within = Annotated[
+    tuple[Length, Length],
+    BeforeValidator(
+        along_axis, json_schema_input_type=tuple[Length, Length] | dict[str, tuple[Length, Length]]
+    ),
+]
+
+
+class LayerSection(Section):
+    """One layer."""
+
+    name: str = Field(pattern=r"^[A-Za-z_][\w-]*$", description="of its region")
+    thickness: Length = Field(gt=0, description="as mounted, that is pre-stretched")
+    material: str | None = Field(None, description="key of `materials`; default: its name")
+    rows: int | None = Field(
+        None, ge=1, le=1000, description="cells across; default mesh.film_rows or electrode_rows"
+    )
+    within: Within | None = Field(
+        None, description="part of the base that it covers, [from, to]; default all of it"
+    )
+
+
+class Repeat(Section):
+    """The same layers again and again; their names get .1, .2 and so on."""
+
+    repeat: int = Field(ge=1, le=1000, description="how often")
+    layers: tuple[LayerSection, ...] = Field(min_length=1, description="from the bottom up")
+
+
+class LaminateShape(Section):
+    """Layers on a base, stacked from the bottom, or from the inside of a tube."""
+
+    shape: Literal["laminate"]
+    base: AnyBase = Field(description="what the layers lie on")
+    layers: tuple[LayerSection | Repeat, ...] = Field(min_length=1, description="from the bottom")
+    air_height: Length = Field(
+        0.0, ge=0, description="air on both sides, from the middle of the layers; 0 mm: no air"
+    )
+
+    def laminate(self, conducts: Conducts) -> Laminate:
+        """The laminate."""
+        return Laminate(self.base, tuple(self._layers(conducts)), self.air_height)
+
+    def _layers(self, conducts: Conducts) -> Iterator[Layer]:
+        for item, suffix in self._items():
+            material = item.material or item.name
+            yield Layer(
+                *(item.name + suffix, material, item.thickness, conducts(material)),
+                *(item.rows, item.within),
+            )
+
+    def _items(self) -> Iterator[tuple[LayerSection, str]]:
+        for given in self.layers:
+            if isinstance(given, LayerSection):
+                yield given, ""
+                continue
+            for k in range(given.repeat):
+                yield from ((layer, f".{k + 1}") for layer in given.layers)
+
+    @model_validator(mode="after")
+    def _possible(self) -> LaminateShape:
+        first, last = self.base.limits
+        seen: set[str] = set()
+        for k, given in enumerate(self.layers):
+            for layer in given.layers if isinstance(given, Repeat) else [given]:
+                if layer.name in seen:
+                    problem = f"there are two layers {layer.name!r}; give them different names"
+                    raise ValueAt(("layers", k), problem)
+                seen.add(layer.name)
+                if layer.within is not None:
+                    check_part(layer.within, (first, last), ("layers", k, "within"))
+        check_air(self.air_height, sum(x.thickness for x, _ in self._items()) / 2)
+        return self
+
+
+def check_part(
+    within: tuple[float, float], limits: tuple[float, float], where: tuple[str | int, ...]
+) -> None:
+    """Raise `ValueAt` if a part does not lie on its base."""
+    a, b = within
+    if not limits[0] <= a < b <= limits[1]:
+        raise ValueAt(
+            where,
+            f"{a:g} to {b:g} mm is no part of the base, which goes from {limits[0]:g} to "
+            f"{limits[1]:g} mm",
+        )
+
+
+# --- meshes --------------------------------------------------------------------------------------
+
+
+class MeshShape(Section):
+    """A Gmsh mesh; its physical names are the regions and boundaries."""
+
+    shape: Literal["mesh"]
+    file: str = Field(description="Gmsh file, relative to the config")
+    space: Literal["axisymmetric", "plane_strain"] = Field(description="what the mesh is")
+    unit: str = Field("mm", description="of the file's coordinates")
+    width: Length | None = Field(None, gt=0, description="of plane strain, along Y")
+
+    @property
+    def kinematics(self) -> Kinematics:
+        """Its space."""
+        space = SPACES[self.space]
+        return space if self.width is None else space.times(self.width)
+
+    @model_validator(mode="after")
+    def _wide(self) -> MeshShape:
+        if (self.width is None) == (self.space == "plane_strain"):
+            problem = "plane strain needs it" if self.width is None else "only plane strain has one"
+            raise ValueAt(("width",), problem)
+        return self
+
+
+Shape: TypeAlias = AnnularStrips | LaminateShape | MeshShape
+
+
+def _strips(value: object) -> object:
+    """Without `shape` a geometry is annular strips."""
+    return {"shape": "annular_strips"} | value if isinstance(value, dict) else value
+
+
+if TYPE_CHECKING:
+    Geometry: TypeAlias = Shape
+else:
+    Geometry = Annotated[
+        Union[AnnularStrips, LaminateShape, MeshShape],  # noqa: UP007
+        Field(discriminator="shape"),
+        BeforeValidator(_strips),
+    ]
+

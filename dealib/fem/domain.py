@@ -1,0 +1,215 @@
+"""The meshed device in dolfinx: regions and boundaries by name, and the spaces on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx import fem
+from dolfinx import mesh as dmesh
+
+from dealib.config.schema import Config
+from dealib.device.device import Device
+from dealib.device.gmsh_model import gmsh_model
+from dealib.device.gmsh_model import save as write_mesh
+from dealib.device.laminate import JOIN
+from dealib.device.records import Sizes
+from dealib.errors import ConfigError, DealibError
+from dealib.fem import compat
+
+Ints = npt.NDArray[np.int32]
+Groups = tuple[tuple[str, ...], ...]  # of regions that share an energy
+
+
+@dataclass
+class Domain:
+    """A distributed mesh with the names of a device.
+
+    Attributes:
+        device: What its names mean.
+        mesh: The dolfinx mesh, coordinates in mm.
+        cell_tags: Region tags.
+        facet_tags: Boundary tags.
+        groups: {name: (dim, tag)}.
+        comm: The caller's communicator. The mesh has a copy, which ends with it; what PETSc is to
+            free later (`compat.free`) needs one that lasts.
+    """
+
+    device: Device
+    mesh: Any
+    cell_tags: Any
+    facet_tags: Any
+    groups: dict[str, tuple[int, int]]
+    comm: Any
+
+    @classmethod
+    def from_gmsh(cls, model: Any, comm: MPI.Comm, device: Device) -> Domain:
+        """Distribute a meshed Gmsh model from rank 0 (None elsewhere)."""
+        domain = cls(device, *compat.from_gmsh(model, comm, device.kinematics.dim), comm)
+        for dim in (domain.dim - 1, domain.dim):
+            domain.mesh.topology.create_connectivity(dim, domain.dim)
+        return domain
+
+    @property
+    def dim(self) -> int:
+        """Topological dimension."""
+        return int(self.mesh.topology.dim)
+
+    def has(self, name: str) -> bool:
+        """Whether the mesh has a region or boundary."""
+        return bool(self.tags(name))
+
+    def tags(self, name: str) -> list[tuple[int, int]]:
+        """Dimensions and tags of the parts of a region or boundary."""
+        return [found for group, found in self.groups.items() if name in group.split(JOIN)]
+
+    def entities(self, name: str) -> tuple[int, Ints]:
+        """Dimension and local cells or facets of a named region or boundary (ghosts included)."""
+        parts = self.tags(name)
+        dim = parts[0][0]
+        tags = self.cell_tags if dim == self.dim else self.facet_tags
+        wanted = np.isin(tags.values, [tag for _, tag in parts])
+        return dim, np.asarray(tags.indices[wanted], dtype=np.int32)
+
+    def cells(self, *regions: str) -> Ints:
+        """Local cells of regions, sorted; regions that the mesh lacks count as empty."""
+        found = [self.entities(r)[1] for r in regions if self.has(r)]
+        return np.sort(np.concatenate([np.empty(0, np.int32), *found])).astype(np.int32)
+
+    @property
+    def all_cells(self) -> Ints:
+        """All local cells."""
+        return np.arange(len(compat.original_cells(self.mesh)), dtype=np.int32)
+
+    def owned(self, cells: Ints) -> Ints:
+        """Those of the cells that this rank owns."""
+        return cells[cells < compat.local_cells(self.mesh)]
+
+    @cached_property
+    def solids(self) -> Ints:
+        """Local cells of all materials."""
+        return self.cells(*(r.name for r in self.device.solids))
+
+    @cached_property
+    def air(self) -> Ints:
+        """Local cells of air."""
+        return self.cells(*(r.name for r in self.device.regions if r.air))
+
+    def tagged(self, groups: Groups) -> Any:
+        """Cell tags by group of regions, for the integrals: the first group has tag 1."""
+        cells = [self.cells(*group) for group in groups]
+        indices = np.concatenate(cells)
+        values = np.concatenate([np.full(len(c), k) for k, c in enumerate(cells, start=1)])
+        order = np.argsort(indices)
+        return dmesh.meshtags(self.mesh, self.dim, indices[order], values[order].astype(np.int32))
+
+    @cached_property
+    def region_of_cell(self) -> Ints:
+        """Index among the device's regions of each local cell."""
+        ids = np.full(len(self.all_cells), -1, dtype=np.int32)
+        for k, region in enumerate(self.device.regions):
+            ids[self.cells(region.name)] = k
+        return ids
+
+    @cached_property
+    def sizes(self) -> Sizes:
+        """Characteristic sizes: of the shape, or of the mesh itself (collective)."""
+        return self.device.sizes or self._measured()
+
+    def _measured(self) -> Sizes:
+        """Sizes of the box around the solids: its smallest side, its longest, what lies between."""
+        x = self.mesh.geometry.x[np.unique(compat.cell_nodes(self.mesh)[self.solids])]
+        ends = np.array([x.max(axis=0), -x.min(axis=0)]) if len(x) else np.full((2, 3), -np.inf)
+        high, low = self.comm.allreduce(ends, op=MPI.MAX) * np.array([[1], [-1]])
+        sides = np.sort((high - low)[: self.dim])
+        device = self.device.kinematics
+        width = device.multiple * (high[0] if device.revolved else 1.0)
+        if self.dim == 3:
+            width *= sides[1]
+        return Sizes(sides[0], sides[-1], float(width), sides[-1] * width, float(width))
+
+
+@dataclass
+class Spaces:
+    """The monolithic space of displacement, potential and perhaps pressure, and its state.
+
+    Attributes:
+        W: Mixed space; sub-space 0 is u in mm, 1 is phi in kV, 2 is p in MPa.
+        w: The current state.
+        order: Polynomial order of u and phi.
+        pressure_element: Element of p in the mixed form, else None.
+    """
+
+    W: Any
+    w: Any
+    order: int
+    pressure_element: Any = None
+
+
+def build_domain(config: Config, comm: MPI.Comm, save: Path | None = None) -> Domain:
+    """Mesh the geometry on rank 0 and distribute it.
+
+    Args:
+        config: The config.
+        comm: MPI communicator.
+        save: Write the mesh there, in Gmsh's format.
+
+    Raises:
+        ConfigError: On every rank, if the mesh cannot be built or read.
+    """
+    error: DealibError | None = None
+    result: Domain | None = None
+    if comm.rank == 0:
+        try:
+            with gmsh_model(config) as gmsh:
+                if save is not None:
+                    write_mesh(gmsh, save)
+                comm.bcast(None, root=0)
+                result = Domain.from_gmsh(gmsh.model, comm, config.device)
+        except DealibError as caught:
+            error = comm.bcast(caught, root=0)
+    else:
+        error = comm.bcast(None, root=0)
+        if error is None:
+            result = Domain.from_gmsh(None, comm, config.device)
+    if error is not None:
+        raise error
+    assert result is not None
+    cells = comm.allgather(compat.local_cells(result.mesh))
+    if min(cells) == 0:
+        raise ConfigError(
+            f"{comm.size} ranks are too many for {sum(cells)} cells, some get none; use fewer"
+        )
+    return result
+
+
+def build_spaces(domain: Domain, order: int, mixed: bool = False) -> Spaces:
+    """Continuous displacement and potential of one order, and a pressure, in one space.
+
+    The pressure jumps from cell to cell, since it does so from film to electrode. With second-order
+    displacements it is linear in each quadrilateral (the inf-sup stable pair of best order), but
+    constant in each triangle, where the linear one would lock.
+
+    Args:
+        domain: The mesh.
+        order: Order of displacement and potential.
+        mixed: Whether there is a pressure.
+    """
+    mesh = domain.mesh
+    elements = [
+        compat.element(mesh, "Lagrange", order, (domain.dim,)),
+        compat.element(mesh, "Lagrange", order),
+    ]
+    pressure = None
+    if mixed:
+        straight = compat.cell_name(mesh) in ("quadrilateral", "hexahedron")
+        pressure = compat.element(mesh, *(("DPC", 1) if straight else ("DG", 0)))
+        elements.append(pressure)
+    W = compat.functionspace(mesh, compat.mixed_element(elements))
+    return Spaces(W, fem.Function(W, name="w"), order, pressure)

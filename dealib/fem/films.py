@@ -1,0 +1,121 @@
+"""The films at their Gauss points: what does not change is found once, the rest at each state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mpi4py import MPI
+
+import numpy as np
+import numpy.typing as npt
+
+from dealib.config.schema import Config
+from dealib.fem.layout import Layout
+from dealib.fem.problem import Group, Problem
+from dealib.results import local
+from dealib.results.electrodes import Rings
+from dealib.results.elements import Array
+from dealib.results.margins import Film, layered, mounted_fresh
+from dealib.results.thickness import Columns, edges
+
+
+@dataclass(frozen=True)
+class FilmPoints:
+    """The Gauss points of this rank's cells of one dielectric material.
+
+    Attributes:
+        film: Material and reference values.
+        group: Regions.
+        layout: Where nodal values come from.
+        cells: The cells.
+        points: Their Gauss points.
+        columns: The same, sorted into columns of the whole layer; None if it is no plane layer.
+        comm: MPI communicator.
+    """
+
+    film: Film
+    group: Group
+    layout: Layout
+    cells: npt.NDArray[np.int32]
+    points: local.Points
+    columns: Columns | None
+    comm: MPI.Comm
+
+    @classmethod
+    def all(cls, problem: Problem, layout: Layout) -> tuple[FilmPoints, ...]:
+        """Those of a device, one for each material and direction (collective)."""
+        films = local.film_groups(problem.config)
+        return tuple(
+            cls._of(problem, layout, group, films[group.regions[0]][0])
+            for group in problem.groups
+            if group.regions[0] in films
+        )
+
+    @classmethod
+    def _of(
+        cls, problem: Problem, layout: Layout, group: Group, material: local.RegionMaterial
+    ) -> FilmPoints:
+        config, comm = problem.config, problem.domain.comm
+        cells = problem.domain.owned(problem.domain.cells(*group.regions))
+        nodes = layout.nodes[cells]
+        points = local.Points.of(problem.kinematics, layout.cell, nodes, layout.cell.gauss)
+        film = Film.of(material, mounted_fresh(config, group.regions[0]))
+        columns = _columns(config, group, layout, nodes, points, comm)
+        return cls(film, group, layout, cells, points, columns, comm)
+
+    def nodal(self) -> Array:
+        """Nodal values of the cells in the present state, (cells, nodes, columns)."""
+        return self.layout.local()[self.cells]
+
+    def tensions(self, k: local.Deformation, nodal: Array, internal: Array | None) -> Array:
+        """In-plane true stresses (see `Film.tensions`), averaged through a layer's thickness.
+
+        Args:
+            k: Deformation and field.
+            nodal: Nodal values of the cells.
+            internal: C_i of Maxwell branches, (cells, points, branches, 4).
+
+        Returns:
+            Shape (columns, 3), or (cells, points, 3) where there are no columns (collective).
+        """
+        found = self.film.tensions(k, self.points.pressure(nodal), internal)
+        return found if self.columns is None else self.columns.average(found, k, self._total)
+
+    def rings(self, k: local.Deformation, capacitance: float) -> Rings:
+        """The film in rings (collective).
+
+        Args:
+            k: Deformation.
+            capacitance: Of the whole, nF.
+        """
+        assert self.columns is not None
+        a = k.F[..., self.film.material.plane[0]]
+        along, around = np.linalg.norm(a, axis=-1), k.F[..., 2, 2]
+        values = np.stack([along, around, (along * around) ** 2 / k.J], axis=-1)
+        found = self.columns.average(values, k, self._total)
+        edges = self.columns.edges
+        revolved = self.points.kinematics.revolved and self.film.material.normal == 1
+        share = found[:, 2] * np.diff(edges**2 if revolved else edges)
+        return Rings(edges, found[:, 0], found[:, 1], capacitance * share / share.sum())
+
+    def _total(self, mine: Array) -> Array:
+        total = np.empty_like(mine)
+        self.comm.Allreduce(mine, total, op=MPI.SUM)
+        return total
+
+
+def _columns(
+    config: Config,
+    group: Group,
+    layout: Layout,
+    nodes: Array,
+    points: local.Points,
+    comm: MPI.Comm,
+) -> Columns | None:
+    """Columns of a plane layer, whose bounds all ranks share."""
+    if not layered(config, group.regions):
+        return None
+    along = points.position[..., 1 - group.normal]
+    every = (np.concatenate(comm.allgather(part)) for part in (nodes, along))
+    bounds = edges(layout.cell, *every, group.normal)
+    return Columns.of(bounds, along, nodes, layout.cell.corners)

@@ -1,1 +1,0 @@
-"""Device shapes as Gmsh models, their names and their supports."""

@@ -1,0 +1,275 @@
+"""The quantities of a converged state: each is one record, and one column of the history.
+
+To add a column, add a `Quantity` here: its name, unit and label, what it needs of a config, and a
+function of the state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from dealib.device.device import Device
+from dealib.device.records import CHAMBER, KINDS, MOUNT, TERMINAL, Port, PortKind
+from dealib.materials.laws import LAWS
+from dealib.materials.response import softens
+
+Snapshot: TypeAlias = Any  # `fem.snapshot.Snapshot`, which this module must not import
+
+
+@dataclass(frozen=True)
+class Need:
+    """What a config must have for a quantity.
+
+    Attributes:
+        text: In words.
+        has: Whether a config has it.
+    """
+
+    text: str
+    has: Callable[[Any], bool]
+
+
+ALWAYS = Need("", lambda config: True)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One column of the history.
+
+    Attributes:
+        name: Of the column, its unit at the end; a port's suffix follows.
+        unit: Unit; empty for plain numbers.
+        label: In pictures and tables.
+        measure: From a snapshot, and of each port if `kind` is given; None if the program keeps it.
+        needs: What a config must have for it.
+        kind: Kind of port of which each has one.
+        pairs: Whether each pair of ports has one, where there are several.
+    """
+
+    name: str
+    unit: str
+    label: str
+    measure: Callable[..., float] | None = None
+    needs: Need = ALWAYS
+    kind: PortKind | None = None
+    pairs: bool = False
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of one device.
+
+    Attributes:
+        name: In the history.
+        quantity: What it is of.
+        ports: Ports that it is of.
+    """
+
+    name: str
+    quantity: Quantity
+    ports: tuple[Port, ...] = ()
+
+    @property
+    def unit(self) -> str:
+        """Its unit."""
+        return self.quantity.unit
+
+    def measure(self, s: Snapshot) -> float:
+        """Its value in a state (collective)."""
+        assert self.quantity.measure is not None
+        return self.quantity.measure(s, *self.ports)
+
+
+# --- what quantities need ------------------------------------------------------------------------
+
+
+def _films(config: Any) -> list[Any]:
+    return [m for name, m in config.solids.items() if not config.conducts(name)]
+
+
+_STRENGTH = Need("limits.breakdown_strength", lambda c: c.limits.breakdown is not None)
+_STRETCH = Need("limits.stretch_max", lambda c: c.limits.stretch_max is not None)
+_SOFTENING = Need(
+    "a film that can lose its stiffness, such as mooney_rivlin with c01 below 0",
+    lambda c: any(softens(film) for film in _films(c)),
+)
+_LOCKING = Need(
+    f"a film whose law locks: {' or '.join(n for n, law in LAWS.items() if law.locks)}",
+    lambda c: any(film.locks for film in _films(c)),
+)
+_DIFFERENTIAL = Need("sensing.differential: true", lambda c: c.sensing.differential)
+_RESISTANCE = Need("sensing.sheet_resistance", lambda c: c.sensing.sheet_resistance is not None)
+_BRANCHES = Need(
+    "Maxwell branches, such as materials.film.branches",
+    lambda c: any(law.branches for law in c.solids.values()),
+)
+_FOLLOW = Need("a stage with follow", lambda c: any(s.follow is not None for s in c.program))
+
+
+# --- measures ------------------------------------------------------------------------------------
+
+
+def _primal(s: Snapshot, port: Port) -> float:
+    return float(s.primal(port) * port.kind.primal.factor)
+
+
+def _dual(s: Snapshot, port: Port) -> float:
+    return float(s.dual(port) * port.kind.dual.factor)
+
+
+def _capacitance(s: Snapshot, port: Port, other: Port | None = None) -> float:
+    found = s.capacitance(port) if other is None else s.capacitances[port.name, other.name]
+    return 1e3 * float(found)
+
+
+def _field(s: Snapshot) -> float:
+    return float(np.sqrt(s.largest(np.einsum("...i,...i", f.k.e, f.k.e) for f in s.states)))
+
+
+def _thickness(s: Snapshot) -> float:
+    return -float(s.largest(-f.thickness_stretch for f in s.states))
+
+
+def _tension(s: Snapshot) -> float:
+    from dealib.results.margins import smallest
+
+    return -float(s.largest(-smallest(f.tensions) for f in s.states))
+
+
+def _breakdown(s: Snapshot) -> float:
+    strength = s.config.limits.breakdown
+    return float(s.peak("breakdown_use", lambda f: np.linalg.norm(f.k.e, axis=-1) / strength))
+
+
+def _stretch(s: Snapshot) -> float:
+    allowed = s.config.limits.stretch_max
+    return float(s.peak("stretch_use", lambda f: f.principal_stretch / allowed))
+
+
+def _softening(s: Snapshot) -> float:
+    return float(s.peak("stability_use", lambda f: f.film.softening(f.k.F)))
+
+
+def _locking(s: Snapshot) -> float:
+    return float(s.peak("locking_use", lambda f: f.film.extension(f.k.F)))
+
+
+def _resistance(s: Snapshot) -> float:
+    return float(1e6 * s.resistances.sum())
+
+
+def _time_constant(s: Snapshot) -> float:
+    contact = s.config.sensing.contact
+    at_start = contact is not None and contact == s.device.laminate.base.ends[0]
+    return float(1e6 * s.rings.time_constant(s.resistances, at_start))
+
+
+def _dissipated(s: Snapshot) -> float:
+    return 0.0 if s.viscosity is None else float(s.viscosity.dissipated)
+
+
+def _power(s: Snapshot) -> float:
+    return 0.0 if s.viscosity is None else float(s.viscosity.power)
+
+
+def _of_ports() -> Iterator[Quantity]:
+    for kind in KINDS.values():
+        for variable, measure in zip(kind.variables, (_primal, _dual), strict=True):
+            yield Quantity(variable.column, variable.unit, variable.name, measure, kind=kind)
+        if kind is TERMINAL:
+            yield Quantity(
+                "capacitance_pF", "pF", "capacitance", _capacitance, kind=kind, pairs=True
+            )
+
+
+Q = Quantity
+QUANTITIES: tuple[Quantity, ...] = (
+    Q("step", "", "step"),
+    Q("time_s", "s", "time"),
+    *_of_ports(),
+    Q("elastic_energy_mJ", "mJ", "elastic energy", lambda s: s.energy("elastic")),
+    Q("electric_energy_mJ", "mJ", "electric energy", lambda s: s.energy("electric")),
+    Q("field_max_MV_per_m", "MV/m", "largest field", _field),
+    Q("thickness_stretch_min", "", "smallest thickness stretch", _thickness),
+    Q("newton_iterations", "", "Newton iterations", lambda s: s.newton.iterations),
+    Q(
+        *("stretch_max", "", "largest stretch"),
+        lambda s: s.largest(f.principal_stretch for f in s.states),
+    ),
+    Q("tension_min_MPa", "MPa", "smallest tension", _tension),
+    Q("breakdown_use", "", "breakdown", _breakdown, _STRENGTH),
+    Q(
+        *("wrinkling_use", "", "wrinkling"),
+        lambda s: s.peak("wrinkling_use", lambda f: f.film.wrinkling(f.tensions)),
+    ),
+    Q(
+        *("pull_in_use", "", "pull-in"),
+        lambda s: s.peak("pull_in_use", lambda f: f.film.pull_in(f.k)),
+    ),
+    Q("stability_use", "", "material stability", _softening, _SOFTENING),
+    Q("stretch_use", "", "stretch", _stretch, _STRETCH),
+    Q("locking_use", "", "locking", _locking, _LOCKING),
+    Q(
+        *("differential_capacitance_pF", "pF", "differential capacitance"),
+        lambda s, port: 1e3 * s.slope(port, blocked=False),
+        *(_DIFFERENTIAL, TERMINAL),
+    ),
+    Q(
+        *("blocked_capacitance_pF", "pF", "blocked capacitance"),
+        lambda s, port: 1e3 * s.slope(port, blocked=True),
+        *(_DIFFERENTIAL, TERMINAL),
+    ),
+    Q(
+        *("mount_stiffness_N_per_mm", "N/mm", "stiffness at the mount"),
+        lambda s, port: s.slope(port, blocked=True),
+        *(_DIFFERENTIAL, MOUNT),
+    ),
+    Q("electrode_resistance_kohm", "kohm", "electrode resistance", _resistance, _RESISTANCE),
+    Q("rc_time_us", "us", "charging time constant", _time_constant, _RESISTANCE),
+    Q("dissipated_energy_mJ", "mJ", "dissipated energy", _dissipated, _BRANCHES),
+    Q("dissipated_power_mW", "mW", "dissipated power", _power, _BRANCHES),
+    *(
+        Q(f"{kind.name}_work_mJ", "mJ", f"work of the {kind.name}", kind=kind)
+        for kind in (MOUNT, TERMINAL, CHAMBER)
+    ),
+    Q("energy_residual_mJ", "mJ", "energy residual"),
+    Q("unstable_modes", "", "unstable modes", needs=_FOLLOW),
+    Q("limit_point", "", "limit point", needs=_FOLLOW),
+    Q("bifurcation", "", "bifurcation", needs=_FOLLOW),
+)
+
+
+def columns(config: Any) -> dict[str, Column]:
+    """All columns that the history of a config's device can have, in order."""
+    found: dict[str, Column] = {}
+    for quantity in QUANTITIES:
+        for column in _columns(quantity, config.device):
+            found[column.name] = column
+    return found
+
+
+def _columns(quantity: Quantity, device: Device) -> Iterator[Column]:
+    if quantity.kind is None:
+        yield Column(quantity.name, quantity)
+        return
+    ports = device.of(quantity.kind)
+    if quantity.pairs and len(ports) > 1:
+        for a in ports:
+            for b in ports:
+                yield Column(f"{quantity.name}.{a.name}.{b.name}", quantity, (a, b))
+        return
+    for port in ports:
+        yield Column(quantity.name + port.suffix, quantity, (port,))
+
+
+def measured(config: Any) -> list[Column]:
+    """Columns that are measured in each state of a run."""
+    return [
+        column
+        for column in columns(config).values()
+        if column.quantity.measure is not None and column.quantity.needs.has(config)
+    ]

@@ -1,0 +1,117 @@
+"""What the stages of a load program work on: the discrete device, its solver and its progress."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from dealib.config.follow import partner
+from dealib.config.schema import Config
+from dealib.errors import ConfigError
+from dealib.fem.layout import Layout
+from dealib.fem.newton import Newton
+from dealib.fem.problem import build_problem
+from dealib.fem.system import Timings
+from dealib.fem.viscous import Viscosity
+from dealib.program.inputs import Drive, law, rest
+from dealib.program.predictor import Predictor
+from dealib.program.progress import Progress
+from dealib.results.checkpoint import Checkpoint
+
+
+class Engine:
+    """A discrete device, its solver, and how far its program has come.
+
+    Attributes:
+        config: The config.
+        comm: MPI communicator.
+        timings: Seconds by phase.
+        problem: The total potential.
+        layout: Its nodal values.
+        viscosity: State of the Maxwell branches, if there are some.
+        newton: The solver.
+        predictor: Where it starts.
+        progress: How far the program has come.
+
+    Args:
+        config: The config.
+        comm: MPI communicator.
+        mesh_file: Where to write the mesh in Gmsh's format, if anywhere.
+    """
+
+    def __init__(self, config: Config, comm: MPI.Comm, mesh_file: Path | None = None) -> None:
+        self.config, self.comm, self.timings = config, comm, Timings()
+        start = time.perf_counter()
+        self.problem = build_problem(config, comm, mesh_file)
+        self.layout = Layout.of(self.problem.domain, self.problem.spaces)
+        self.timings["mesh"] += time.perf_counter() - start
+        self.viscosity = Viscosity(self.problem, self.layout) if self.problem.branches else None
+        pairs = [s.follow.pair for s in config.program if s.follow is not None]
+        crossed = any(partner(vary) != along for vary, along in pairs)
+        self.newton = Newton(self.problem, self.timings, symmetric=not crossed)
+        self.predictor = Predictor(config.solver.predictor_order, retrace=self.viscosity is None)
+        self.progress = Progress(drives=rest(self.problem.device))
+
+    @property
+    def drives(self) -> list[Drive]:
+        """All that drives the ports."""
+        return [drive for drives in self.progress.drives.values() for drive in drives]
+
+    def apply(self, at: float) -> tuple[Any, ...]:
+        """Set the ports' equations of a time in the stage; returns the inputs with their names."""
+        for port, drives in self.progress.drives.items():
+            self.newton.system.ports[port] = law(drives, at)
+        return tuple(x for d in self.drives for x in (d.label, d.at(at)))
+
+    def port_pairs(self) -> dict[str, tuple[float, float]]:
+        """Value and dual of each port at the last residual."""
+        system = self.newton.system
+        return {
+            port.name: (system.values[port.name], port.kind.sign * system.internal[port.name])
+            for port in self.problem.device.ports
+        }
+
+    def restore(self, saved: Checkpoint) -> None:
+        """Take up a saved state (collective).
+
+        Raises:
+            ConfigError: If it belongs to another mesh.
+        """
+        mesh, comm = self.layout.mesh, self.comm
+        same = comm.bcast(None if mesh is None else mesh.fingerprint == saved.mesh, root=0)
+        if not same:
+            raise ConfigError(
+                "the checkpoint belongs to another mesh (has mesh.file changed, or Gmsh?); "
+                "start anew with --overwrite, or elsewhere with --out"
+            )
+        system, w = self.newton.system, self.problem.spaces.w
+        self.progress = Progress.of(saved.values["progress"])
+        self.problem.set_prestretch(1.0)
+        known = []
+        count = comm.bcast(len(saved.states), root=0)
+        ports = saved.values["ports"]
+        for k, values in enumerate(ports[len(ports) - count :]):
+            self.layout.scatter(None if mesh is None else saved.states[k])
+            system.map.restrict(w, system.q, values)
+            known.append(system.q.copy())
+        if self.viscosity is not None and self.progress.row is not None:
+            dissipated = self.progress.row["dissipated_energy_mJ"]
+            self.viscosity.restore(saved.internal, dissipated)
+        # states before row 0 are not saved: they lie on the way to the pre-stretch
+        self.predictor.restore(saved.values["predictor"], known)
+
+    def plain(self) -> dict[str, Any]:
+        """What a checkpoint holds besides the states."""
+        free, of = self.problem.values, self.newton.system.map.port_values
+        ports = [  # of those that no degree of freedom follows
+            {name: value for name, value in of(known.q).items() if name in free} if free else {}
+            for known in self.predictor.path
+        ]
+        return {
+            "progress": self.progress.plain(),
+            "predictor": self.predictor.plain(),
+            "ports": ports,
+        }

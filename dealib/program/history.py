@@ -1,0 +1,116 @@
+"""The present state as a row of the history: measured, judged, accepted."""
+
+from __future__ import annotations
+
+import logging
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+from dealib.config.program import Stage
+from dealib.config.stop import StopWhen
+from dealib.fem.films import FilmPoints
+from dealib.fem.snapshot import Snapshot
+from dealib.observe.quantities import columns, measured
+from dealib.program.bias import ReachWatch
+from dealib.program.engine import Engine
+from dealib.program.margins import keep
+from dealib.program.stability import StabilityWatch
+from dealib.program.work import Work
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class State:
+    """One converged state.
+
+    Attributes:
+        row: The history's row.
+        end_of_stage: Whether it ends a stage.
+        engine: Where it came from; holds the fields until the next state is asked for.
+    """
+
+    row: dict[str, Any]
+    end_of_stage: bool
+    engine: Engine
+
+    def nodal(self) -> Any:
+        """Nodal values of the whole mesh on rank 0 (see `Layout`), None elsewhere (collective)."""
+        return self.engine.layout.gather()
+
+    def internal(self) -> Any:
+        """Internal state of Maxwell branches, likewise (see `Viscosity.gather`); None without."""
+        viscosity = self.engine.viscosity
+        return None if viscosity is None else viscosity.gather()
+
+
+class _Measured(NamedTuple):
+    """A state before it is accepted."""
+
+    row: dict[str, Any]
+    snapshot: Snapshot
+    work: Work
+
+
+class History:
+    """Takes the states of an engine down, one after the other.
+
+    Args:
+        engine: The engine.
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine, config = engine, engine.config
+        self._films = FilmPoints.all(engine.problem, engine.layout)
+        self._measured = measured(config)
+        self._units = {name: column.unit for name, column in columns(config).items()}
+        self._stability = StabilityWatch([p.film.law for p in self._films])
+        self._reach = ReachWatch()
+
+    def met(self, stage: Stage, at: float) -> list[StopWhen]:
+        """The conditions that the present state would meet (collective)."""
+        viscosity = self._engine.viscosity
+        with nullcontext() if viscosity is None else viscosity.tentative():
+            return self._met(stage, self._measure(stage, at, {}).row)
+
+    def accept(self, stage: Stage, at: float, last: bool, more: dict[str, Any]) -> State:
+        """Take the present state as the next one.
+
+        Args:
+            stage: Its stage.
+            at: Clock time, s.
+            last: Whether it ends the stage.
+            more: Further columns.
+        """
+        of, p = self._engine, self._engine.progress
+        row, snapshot, p.work = self._measure(stage, at, more)
+        met = self._met(stage, row)
+        p.step, p.time, p.row, p.ports = p.step + 1, at, row, of.port_pairs()
+        keep(p.worst, snapshot.peaks, row, of.problem.kinematics.axes)
+        self._stability.see(row, snapshot)
+        self._reach.see(row, of)
+        if met:
+            p.over, ends = True, "run" if met[0] in of.config.stop_when else "stage"
+            found = {key: row[key] for key in ("step", "time_s", "stage")}
+            p.stops.append({**found, "when": met[0].when, "ends": ends})
+            log.info("%s ends the %s at step %d", met[0].when, ends, row["step"])
+        return State(row, last or bool(met), of)
+
+    def _measure(self, stage: Stage, at: float, more: dict[str, Any]) -> _Measured:
+        of, p = self._engine, self._engine.progress
+        row: dict[str, Any] = {"step": p.step + 1, "time_s": at, "stage": stage.stage}
+        snapshot = Snapshot(of.newton, self._films, of.viscosity)
+        for column in self._measured:
+            row[column.name] = column.measure(snapshot)
+        work = replace(p.work, done=dict(p.work.done))
+        stored = row["elastic_energy_mJ"] + row["electric_energy_mJ"]
+        lost = row.get("dissipated_energy_mJ", 0.0)
+        before = p.ports if p.row is not None else None
+        row |= work.add(of.problem.device, before, of.port_pairs(), stored, lost)
+        return _Measured(row | more, snapshot, work)
+
+    def _met(self, stage: Stage, row: dict[str, Any]) -> list[StopWhen]:
+        """The conditions that a row meets, those of the run first."""
+        every = (*self._engine.config.stop_when, *stage.stop_when)
+        return [c for c in every if c.met(row, self._units[c.column])]
