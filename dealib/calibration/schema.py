@@ -12,9 +12,9 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 from dealib.config import Case, load
 from dealib.config.messages import validate
 from dealib.config.schema import Name
-from dealib.section import Section
 from dealib.config.source import Source
 from dealib.errors import ConfigError, ValueAt
+from dealib.section import Section
 from dealib.units import convert, split
 
 if TYPE_CHECKING:

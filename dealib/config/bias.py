@@ -10,12 +10,12 @@ from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeAlias
 
-from pydantic import AfterValidator, Field, TypeAdapter, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from dealib.config.messages import in_file, problem
-from dealib.section import OneOf, Section
 from dealib.errors import ValueAt
 from dealib.materials.laws import LAWS
+from dealib.section import OneOf, Section
 from dealib.units import Force, Length, Mass, Stiffness, list_of
 
 

@@ -53,7 +53,9 @@ def load(path: str | Path, set: Mapping[str, Any] | Iterable[str] | None = None)
         source.override(assignment)
     config = validate(Config, source)
     if config.mesh.file is not None:
-        mesh = config.mesh.model_copy(update={"file": _found(source, ("mesh", "file"), config.mesh.file)})
+        mesh = config.mesh.model_copy(
+            update={"file": _found(source, ("mesh", "file"), config.mesh.file)}
+        )
         config = config.model_copy(update={"mesh": mesh})
     if isinstance(config.geometry, MeshShape):
         where = ("geometry", "file")

@@ -8,8 +8,8 @@ from typing import Any, Literal, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from dealib.config.source import Source, did_you_mean
-from dealib.errors import ConfigError, ValueAt
+from dealib.config.source import Source
+from dealib.errors import ConfigError, ValueAt, did_you_mean
 
 Loc = tuple[int | str, ...]
 Model = TypeVar("Model", bound=BaseModel)

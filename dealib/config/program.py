@@ -132,14 +132,14 @@ class Stage(Section):
             alone = getattr(self, kind.name)
             found += [((kind.name,), kind, None, alone)] if alone is not None else []
             many = f"{kind.name}s"
-            found += [((many, n), kind, n, given) for n, given in (getattr(self, many) or {}).items()]
+            found += [
+                ((many, n), kind, n, given) for n, given in (getattr(self, many) or {}).items()
+            ]
         return found
 
     def driven(self, device: Device) -> dict[str, Input]:
         """What drives each port that it drives, by its name."""
-        return {
-            name or device.of(kind)[0].name: given for _, kind, name, given in self.inputs
-        }
+        return {name or device.of(kind)[0].name: given for _, kind, name, given in self.inputs}
 
     @model_validator(mode="after")
     def _follows_alone(self) -> Stage:
@@ -160,9 +160,7 @@ class Stage(Section):
         """A cycle begins where the one before ended, or the input would jump."""
         if self.cycles == 1:
             return self
-        driven = [
-            (path, *found) for path, _, _, given in self.inputs for found in given.polylines
-        ]
+        driven = [(path, *found) for path, _, _, given in self.inputs for found in given.polylines]
         if not driven:
             raise ValueAt(("cycles",), "only an input of this stage can be repeated; it has none")
         for path, name, values in driven:

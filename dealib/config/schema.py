@@ -13,6 +13,7 @@ from pydantic import AfterValidator, Field, model_validator
 from dealib.config.bias import check_second_films
 from dealib.config.follow import check_branches
 from dealib.config.materials import Material, Materials, check_materials
+from dealib.config.probes import Probe, check_probes
 from dealib.config.program import Stage, check_inputs
 from dealib.config.stop import Condition, check_conditions
 from dealib.config.tables import Tables
@@ -183,6 +184,9 @@ class Config(Section):
         None, description="what does not move; default what the base brings"
     )
     chambers: dict[str, Chamber] | None = Field(None, description="closed spaces by name")
+    probes: dict[Name, Probe] | None = Field(
+        None, description="what else the history has, each a column of its name and unit"
+    )
     physics: Physics = Physics()
     limits: Limits = Limits()
     sensing: Sensing = Sensing()
@@ -206,9 +210,7 @@ class Config(Section):
         if isinstance(self.geometry, MeshShape):
             names = physical_names(Path(self.geometry.file))
         sections = Sections(self.terminals, self.mounts, self.holds, self.chambers, self.regions)
-        return device(
-            self.geometry, {n: self.conducts(n) for n in self.materials}, sections, names
-        )
+        return device(self.geometry, {n: self.conducts(n) for n in self.materials}, sections, names)
 
     def conducts(self, material: str) -> bool:
         """Whether a material is a conductor here."""
@@ -259,6 +261,7 @@ class Config(Section):
         elif self.physics.coupling != "energy":
             raise ValueAt(("physics", "coupling"), "other devices than annular_strips: energy only")
         check_inputs(self.program, self.device)
+        check_probes(self)
         check_conditions(self)
         self._air_above_stroke()
         if self.tables is not None:

@@ -11,7 +11,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.reader import ReaderError
 
-from dealib.errors import ConfigError, did_you_mean
+from dealib.errors import ConfigError
 
 Path_ = tuple[str | int, ...]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from dealib.device.device import Device
 from dealib.device.kinematics import Kinematics
@@ -296,7 +295,9 @@ def _of_mesh(
             raise ValueAt(("geometry", "file"), problem)
     for part in ("terminals", "holds"):
         if getattr(given, part) is None:
-            raise ValueAt((part,), "this key is missing: a mesh does not say what is held and driven")
+            raise ValueAt(
+                (part,), "this key is missing: a mesh does not say what is held and driven"
+            )
     parts = _Parts(
         kinematics,
         tuple(regions),

@@ -7,7 +7,7 @@ which space it is solved, and how such a device is usually held.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias, Union
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import Field, model_validator
 
@@ -174,4 +174,4 @@ class Strip(Base):
 if TYPE_CHECKING:
     AnyBase: TypeAlias = Base
 else:
-    AnyBase = Annotated[Union[tuple(Base.__subclasses__())], Field(discriminator="kind")]
+    AnyBase = Annotated[tuple(Base.__subclasses__()), Field(discriminator="kind")]

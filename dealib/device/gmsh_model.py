@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from dealib.config.schema import Config
-from dealib.errors import ConfigError, PlatformError
 from dealib.device import own_mesh, own_strips
 from dealib.device.shapes import AnnularStrips, MeshShape
+from dealib.errors import ConfigError, PlatformError
 
 
 @contextmanager

@@ -340,4 +340,3 @@ def _shift(
     cells |= shifted
     for name, found in lines.items():
         lines[name] = [(i + along, j + across, way) for i, j, way in found]
-

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,13 @@ from dealib.device.shapes import MeshShape
 from dealib.errors import ConfigError
 from dealib.units import factor
 
-_TRIANGLES, _QUADS = {2, 9}, {3, 10, 16}  # Gmsh's element types
+log = logging.getLogger(__name__)
+
+# Gmsh's element types by their nodes: triangles, and quadrilaterals with the triangles that they
+# make; the last node of a second-order quadrilateral is its centre
+_TRIANGLES = {3: 2, 6: 9}
+_QUADS = {4: 3, 8: 16, 9: 10}
+_SPLIT = {4: [[0, 1, 2], [0, 2, 3]], 9: [[0, 1, 2, 4, 5, 8], [0, 2, 3, 8, 6, 7]]}
 
 
 def prepare(gmsh: Any, config: Config, shape: MeshShape) -> None:
@@ -23,26 +30,58 @@ def prepare(gmsh: Any, config: Config, shape: MeshShape) -> None:
     Raises:
         ConfigError: If there are cells of other kinds, or cells without a region.
     """
-    dim = shape.kinematics.dim
+    mesh, dim, file = gmsh.model.mesh, shape.kinematics.dim, f"geometry.file {shape.file}"
     scale = factor(shape.unit, "mm")
     if scale != 1:
-        matrix = (np.eye(4) * scale)[:3].ravel()
-        gmsh.model.mesh.affineTransform(matrix.tolist())
-    kinds = set(map(int, gmsh.model.mesh.getElementTypes(dim)))
-    known = _TRIANGLES | _QUADS
+        mesh.affineTransform((np.eye(4) * scale)[:3].ravel().tolist())
+    kinds = set(map(int, mesh.getElementTypes(dim)))
+    known = {*_TRIANGLES.values(), *_QUADS.values()}
     if not kinds or kinds - known:
-        names = ", ".join(gmsh.model.mesh.getElementProperties(k)[0] for k in kinds - known)
+        names = ", ".join(mesh.getElementProperties(k)[0] for k in kinds - known)
         raise ConfigError(
-            f"geometry.file {shape.file}: cells must be triangles and quadrilaterals of first or "
-            f"second order; it has {names or 'none'}"
+            f"{file}: cells must be triangles and quadrilaterals of first or second order; it has "
+            f"{names or 'none'}"
         )
-    tagged = {e for _, t in gmsh.model.getPhysicalGroups(dim)
-              for e in gmsh.model.getEntitiesForPhysicalGroup(dim, t)}
+    tagged = {
+        entity
+        for _, tag in gmsh.model.getPhysicalGroups(dim)
+        for entity in gmsh.model.getEntitiesForPhysicalGroup(dim, tag)
+    }
     if any(tag not in tagged for _, tag in gmsh.model.getEntities(dim)):
         raise ConfigError(
-            f"geometry.file {shape.file}: some of its cells belong to no physical group; give each "
-            "surface a physical name"
+            f"{file}: some of its cells belong to no physical group; give each surface a name"
         )
-    gmsh.model.mesh.setOrder(min(config.mesh.order, 2 if kinds & {9, 10, 16} else 1))
-    if kinds & _TRIANGLES and kinds & _QUADS:
-        gmsh.model.mesh.splitQuadrangles()
+    if config.mesh.order == 1 and kinds - {2, 3}:
+        mesh.setOrder(1)
+        kinds = set(map(int, mesh.getElementTypes(dim)))
+    if len(kinds) > 1:
+        log.info("%s: its quadrilaterals are cut into triangles, since it has both", file)
+        for _, tag in gmsh.model.getEntities(dim):
+            _split(mesh, dim, tag)
+        mesh.reclassifyNodes()
+
+
+def _split(mesh: Any, dim: int, entity: int) -> None:
+    """Cut the quadrilaterals of a surface into triangles of the same order."""
+    for kind, elements, nodes in zip(*mesh.getElements(dim, entity), strict=True):
+        count = len(nodes) // len(elements)
+        if kind not in _QUADS.values():
+            continue
+        quads = nodes.reshape(-1, count)
+        if count == 8:
+            quads = np.column_stack([quads, _centres(mesh, dim, entity, quads)])
+            count = 9
+        parts = np.concatenate([quads[:, part] for part in _SPLIT[count]])
+        mesh.removeElements(dim, entity, elements)
+        mesh.addElementsByType(entity, _TRIANGLES[parts.shape[1]], [], parts.ravel())
+
+
+def _centres(mesh: Any, dim: int, entity: int, quads: Any) -> Any:
+    """New nodes at the centres of quadrilaterals with eight nodes."""
+    tags, positions, _ = mesh.getNodes()
+    order = np.argsort(tags)
+    x = positions.reshape(-1, 3)[order][np.searchsorted(tags, quads, sorter=order)]
+    at = x[:, 4:].sum(axis=1) / 2 - x[:, :4].sum(axis=1) / 4
+    new = np.arange(len(quads)) + int(tags.max()) + 1
+    mesh.addNodes(dim, entity, new, at.ravel())
+    return new

@@ -113,7 +113,13 @@ def _sides(g: AnnularStrips) -> Iterator[tuple[str, str, str, int, float]]:
     """Region, key, axis, lower (0) or upper (1) end, and where it must be."""
     if g.electrode_thickness > 0:
         yield _TOP, "electrode_thickness", "Z", 1, (g.film_thickness / 2 + g.electrode_thickness)
-        yield _BOTTOM, "electrode_thickness", "Z", 0, -(g.film_thickness / 2 + g.electrode_thickness)
+        yield (
+            _BOTTOM,
+            "electrode_thickness",
+            "Z",
+            0,
+            -(g.film_thickness / 2 + g.electrode_thickness),
+        )
     if g.clamps is not None:
         for region in (MOUNT_BLOCK, FRAME_BLOCK):
             yield region, "clamps.height", "Z", 0, -g.clamps.height

@@ -126,6 +126,25 @@ def quadrature(mesh: Any, degree: int) -> tuple[Any, Any]:
     return np.asarray(points), np.asarray(weights)
 
 
+def facet_quadrature(mesh: Any, side: int, degree: int) -> tuple[Any, Any, Any]:
+    """Quadrature of a facet in the reference cell: points, weights, and the facet's tangents.
+
+    Args:
+        mesh: The mesh.
+        side: Number of the facet in its cell.
+        degree: Of the quadrature.
+    """
+    import basix
+
+    kind = getattr(basix.CellType, cell_name(mesh))
+    dim = mesh.topology.dim
+    corners = basix.geometry(kind)[basix.topology(kind)[dim - 1][side]]
+    facet = {2: "interval", 3: {3: "triangle", 4: "quadrilateral"}.get(len(corners), "")}[dim]
+    points, weights = basix.make_quadrature(getattr(basix.CellType, facet), degree)
+    tangents = corners[1:dim] - corners[0]  # Basix's corners 1 and 2 lie along the facet's axes
+    return corners[0] + np.asarray(points) @ tangents, np.asarray(weights), tangents
+
+
 @contextmanager
 def _jit(comm: Any) -> Iterator[dict[str, Any]]:
     """Options for just-in-time compilation, by one process at a time and without chatter.

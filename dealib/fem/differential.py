@@ -95,6 +95,15 @@ def condensed(
     return float(stiffness[k, k] - stiffness[k, free] @ np.linalg.solve(inner, stiffness[free, k]))
 
 
+def test_fields(newton: Newton) -> list[Any]:
+    """States in which one terminal after the other has 1 kV and the body moves linearly."""
+    with _prescribed(newton):
+        names = list(newton.system.ports)
+        responses = newton.responses()
+    terminals = [port.name for port in newton.system.problem.device.of(TERMINAL)]
+    return [responses[names.index(name)] for name in terminals]
+
+
 def capacitance_matrix(newton: Newton) -> Array:
     """Charges on all terminals at unit voltage of each, the body frozen, nF (collective).
 

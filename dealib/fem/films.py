@@ -10,13 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from dealib.config.schema import Config
+from dealib.fem.differential import test_fields
 from dealib.fem.layout import Layout
+from dealib.fem.newton import Newton
 from dealib.fem.problem import Group, Problem
 from dealib.results import local
 from dealib.results.electrodes import Rings
 from dealib.results.elements import Array
 from dealib.results.margins import Film, layered, mounted_fresh
 from dealib.results.thickness import Columns, edges
+
+_FAINT = 1e-2  # field, of the strongest, below which there is no electrode
 
 
 @dataclass(frozen=True)
@@ -42,24 +46,41 @@ class FilmPoints:
     comm: MPI.Comm
 
     @classmethod
-    def all(cls, problem: Problem, layout: Layout) -> tuple[FilmPoints, ...]:
-        """Those of a device, one for each material and direction (collective)."""
+    def all(
+        cls, problem: Problem, layout: Layout, normals: Array | None = None
+    ) -> tuple[FilmPoints, ...]:
+        """Those of a device, one for each material and direction (collective).
+
+        Args:
+            problem: The problem.
+            layout: Its layout.
+            normals: Directions across the films at the Gauss points of the local cells; default
+                those of the layers.
+        """
         films = local.film_groups(problem.config)
         return tuple(
-            cls._of(problem, layout, group, films[group.regions[0]][0])
+            cls._of(problem, layout, group, films[group.regions[0]][0], normals)
             for group in problem.groups
             if group.regions[0] in films
         )
 
     @classmethod
     def _of(
-        cls, problem: Problem, layout: Layout, group: Group, material: local.RegionMaterial
+        cls,
+        problem: Problem,
+        layout: Layout,
+        group: Group,
+        material: local.RegionMaterial,
+        normals: Array | None,
     ) -> FilmPoints:
         config, comm = problem.config, problem.domain.comm
         cells = problem.domain.owned(problem.domain.cells(*group.regions))
         nodes = layout.nodes[cells]
         points = local.Points.of(problem.kinematics, layout.cell, nodes, layout.cell.gauss)
-        film = Film.of(material, mounted_fresh(config, group.regions[0]))
+        frame = None
+        if normals is not None:
+            frame = local.Frame.of_normals(normals[cells], problem.kinematics.dim == 2)
+        film = Film.of(material, mounted_fresh(config, group.regions[0]), frame)
         columns = _columns(config, group, layout, nodes, points, comm)
         return cls(film, group, layout, cells, points, columns, comm)
 
@@ -116,6 +137,29 @@ def _columns(
     if not layered(config, group.regions):
         return None
     along = points.position[..., 1 - group.normal]
-    every = (np.concatenate(comm.allgather(part)) for part in (nodes, along))
-    bounds = edges(layout.cell, *every, group.normal)
+    all_nodes, all_along = (np.concatenate(comm.allgather(part)) for part in (nodes, along))
+    bounds = edges(layout.cell, all_nodes, all_along, group.normal)
     return Columns.of(bounds, along, nodes, layout.cell.corners)
+
+
+def field_normals(newton: Newton, layout: Layout) -> Array:
+    """Directions of the nominal field at test voltages, (cells, points, 3) (collective).
+
+    At each Gauss point of the local cells that of the terminal whose field is strongest there; Z
+    where none is felt.
+    """
+    problem, nodal = newton.system.problem, None
+    k, cell = problem.kinematics, layout.cell
+    points = local.Points.of(k, cell, layout.nodes, cell.gauss)
+    across = np.eye(3)[k.components.index("Z")]
+    best = np.tile(_FAINT * across, (*points.position.shape[:2], 1))
+    saved = newton.system.q.copy()
+    for trial in test_fields(newton):
+        newton.system.expand(trial)
+        nodal = layout.local()
+        E = k.field(nodal[..., k.dim], points.dN)
+        size = problem.domain.comm.allreduce(float(np.abs(E).max(initial=0.0)), op=MPI.MAX)
+        stronger = np.linalg.norm(E / size, axis=-1) > np.linalg.norm(best, axis=-1)
+        best = np.where(stronger[..., None], E / size, best)
+    newton.system.expand(saved)
+    return np.asarray(best / np.linalg.norm(best, axis=-1)[..., None])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -78,6 +78,11 @@ class Layout:
             whole = ResultMesh.number(cell, global_nodes[order], x[order], region[order], names)
         return cls(cell, nodes, whole, spaces, comm, dofs, owned, order, original, pressure)
 
+    @property
+    def displacements(self) -> tuple[Any, ...]:
+        """Degrees of freedom of the displacement along each axis, (cells, nodes) each."""
+        return self._dofs[:-1]
+
     def local(self) -> Floats:
         """Nodal values of the local cells, ghosts included: (cells, nodes, columns)."""
         w = self._spaces.w.x.array
@@ -86,6 +91,12 @@ class Layout:
             dofs, basis = self._pressure
             columns.append(w[dofs] @ basis.T)
         return np.stack(columns, axis=-1)
+
+    def add_normals(self, normals: Floats) -> None:
+        """Take directions across films up into the whole mesh (collective)."""
+        found = self.gather_cells(normals)
+        if self.mesh is not None:
+            self.mesh = replace(self.mesh, normals=found)
 
     def gather(self) -> Floats | None:
         """Nodal values of the whole mesh, (nodes, columns), on rank 0.

@@ -17,6 +17,7 @@ from dealib.device.records import TERMINAL, Port
 from dealib.fem.differential import capacitance_matrix, condensed, port_stiffness
 from dealib.fem.films import FilmPoints
 from dealib.fem.newton import Newton
+from dealib.fem.probes import Probes
 from dealib.fem.viscous import Viscosity
 from dealib.results import local
 from dealib.results.electrodes import Rings
@@ -75,10 +76,8 @@ class FilmState:
 
     @property
     def thickness_stretch(self) -> Array:
-        """Ratio of the thickness to the unstretched one, 1 / |F^-T e_n|."""
-        m = self.film.material
-        length = np.linalg.norm(self.k.inverse[..., m.normal, :], axis=-1)
-        return np.asarray(m.stretch[m.normal] / length)
+        """See `Film.thickness_stretch`."""
+        return self.film.thickness_stretch(self.k)
 
     @property
     def positions(self) -> Array:
@@ -98,12 +97,14 @@ class Snapshot:
     Attributes:
         newton: The solver.
         films: The films' Gauss points.
+        probes: The config's probes.
         viscosity: State of the Maxwell branches, if there are some.
         peaks: Where the margins are smallest, as far as they have been measured.
     """
 
     newton: Newton
     films: tuple[FilmPoints, ...]
+    probes: Probes
     viscosity: Viscosity | None = None
     peaks: dict[str, Extremum] = field(default_factory=dict)
 
@@ -196,6 +197,10 @@ class Snapshot:
     def film_has(self, what: Callable[[Film], bool]) -> bool:
         """Whether a film has a property."""
         return any(what(points.film) for points in self.films)
+
+    def probe(self, name: str) -> float:
+        """Value of a probe (collective)."""
+        return self.probes.measure(name, self.viscosity)
 
     # --- electrodes ------------------------------------------------------------------------------
 

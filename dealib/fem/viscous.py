@@ -234,24 +234,26 @@ class Viscosity:
             return None
         return np.asarray(whole[local.branch_cells(self._problem.config, self._layout.mesh)])
 
-    def of_cells(self, group: str, cells: Any) -> Array | None:
-        """C_i at the Gauss points of local cells, (cells, points, branches, 4).
+    def of_cells(self, group: str, cells: Any, points: Array | None = None) -> Array | None:
+        """C_i at points of local cells, (cells, points, branches, 4).
 
         Args:
             group: Their group of regions; None is returned if it has no branches.
             cells: The cells.
+            points: Reference points; default the cells' Gauss points.
         """
         if group not in self._parts:
             return None
         part = self._parts[group]
         order = np.argsort(part.cells)
         index = order[np.searchsorted(part.cells, cells, sorter=order)]
-        return self.at_gauss(np.moveaxis(part.internal[:, index], 0, 2))
+        return self.at_points(np.moveaxis(part.internal[:, index], 0, 2), points)
 
-    def at_gauss(self, gathered: Array) -> Array:
-        """The same at the cells' Gauss points, at which fields are derived."""
+    def at_points(self, gathered: Array, points: Array | None = None) -> Array:
+        """The same at other points; default the Gauss points, at which fields are derived."""
         cell: Cell = self._layout.cell
-        here, there = cell.shape(self._points)[0], cell.shape(cell.gauss)[0]
+        here = cell.shape(self._points)[0]
+        there = cell.shape(cell.gauss if points is None else points)[0]
         return np.einsum("gq,cq...->cg...", there @ np.linalg.pinv(here), gathered)
 
     def restore(self, gathered: Array | None, dissipated: float) -> None:
@@ -274,7 +276,10 @@ class Viscosity:
         nodal = self._layout.local()
         for part in self._parts.values():
             F = part.points.deformation(nodal[part.cells]).F
-            yield part, evolution.isochoric(F if part.prestretch is None else F * part.prestretch.value)
+            yield (
+                part,
+                evolution.isochoric(F if part.prestretch is None else F * part.prestretch.value),
+            )
 
     def _reached(self) -> list[tuple[_Part, Array, Array]]:
         """Each part with its metric and C_i at the current state, found once a step."""

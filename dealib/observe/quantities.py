@@ -16,6 +16,7 @@ from dealib.device.device import Device
 from dealib.device.records import CHAMBER, KINDS, MOUNT, TERMINAL, Port, PortKind
 from dealib.materials.laws import LAWS
 from dealib.materials.response import softens
+from dealib.observe.local_quantities import local_quantities
 
 Snapshot: TypeAlias = Any  # `fem.snapshot.Snapshot`, which this module must not import
 
@@ -245,11 +246,16 @@ QUANTITIES: tuple[Quantity, ...] = (
 
 def columns(config: Any) -> dict[str, Column]:
     """All columns that the history of a config's device can have, in order."""
-    found: dict[str, Column] = {}
-    for quantity in QUANTITIES:
-        for column in _columns(quantity, config.device):
-            found[column.name] = column
-    return found
+    found = [c for quantity in QUANTITIES for c in _columns(quantity, config.device)]
+    known = local_quantities(config.device.kinematics)
+    for name, probe in (config.probes or {}).items():
+        of = known[probe.measured]
+        unit, suffix = of.unit, of.suffix
+        if probe.take == "integral":
+            unit, suffix = "", ""
+        quantity = Quantity(name + suffix, unit, name, lambda s, name=name: s.probe(name))
+        found.append(Column(quantity.name, quantity))
+    return {column.name: column for column in found}
 
 
 def _columns(quantity: Quantity, device: Device) -> Iterator[Column]:

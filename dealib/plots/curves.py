@@ -9,8 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.lines import Line2D
 
-from dealib.config.source import did_you_mean
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, did_you_mean
 from dealib.plots import limits
 from dealib.plots.branches import draw_history, key
 from dealib.plots.labels import kind, label, split

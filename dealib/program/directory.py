@@ -14,8 +14,8 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from dealib.config.case import Case, resolved
-from dealib.errors import ConfigError, DealibError, PlatformError
 from dealib.device import gmsh_model
+from dealib.errors import ConfigError, DealibError, PlatformError
 from dealib.program.log import LOGGER
 from dealib.results import store
 from dealib.results.checkpoint import Checkpoint, CheckpointFolder

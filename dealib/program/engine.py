@@ -10,10 +10,13 @@ from mpi4py import MPI
 
 from dealib.config.follow import partner
 from dealib.config.schema import Config
+from dealib.device.records import MOUNT
 from dealib.errors import ConfigError
+from dealib.fem.films import field_normals
 from dealib.fem.layout import Layout
 from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem
+from dealib.fem.rigid import unheld
 from dealib.fem.system import Timings
 from dealib.fem.viscous import Viscosity
 from dealib.program.inputs import Drive, law, rest
@@ -35,6 +38,7 @@ class Engine:
         newton: The solver.
         predictor: Where it starts.
         progress: How far the program has come.
+        normals: Directions across films that are no layers, at the local cells' Gauss points.
 
     Args:
         config: The config.
@@ -54,6 +58,10 @@ class Engine:
         self.newton = Newton(self.problem, self.timings, symmetric=not crossed)
         self.predictor = Predictor(config.solver.predictor_order, retrace=self.viscosity is None)
         self.progress = Progress(drives=rest(self.problem.device))
+        self.normals = None
+        if self.problem.device.laminate is None:  # the mesh does not say what is across a film
+            self.normals = field_normals(self.newton, self.layout)
+            self.layout.add_normals(self.normals)
 
     @property
     def drives(self) -> list[Drive]:
@@ -65,6 +73,17 @@ class Engine:
         for port, drives in self.progress.drives.items():
             self.newton.system.ports[port] = law(drives, at)
         return tuple(x for d in self.drives for x in (d.label, d.at(at)))
+
+    def check_held(self, at: float) -> None:
+        """Raise `ConfigError` if the whole device could move as a rigid body (collective)."""
+        device = self.problem.device
+        laws = {port.name: law(self.progress.drives[port.name], at) for port in device.of(MOUNT)}
+        loaded = {n for n, found in laws.items() if found.value is None and not found.elements}
+        if motion := unheld(self.problem, self.layout, loaded):
+            raise ConfigError(
+                f"nothing holds the device against motion {motion}; fix a part of it under "
+                "`holds`, or drive a mount by its displacement or a spring"
+            )
 
     def port_pairs(self) -> dict[str, tuple[float, float]]:
         """Value and dual of each port at the last residual."""

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from dealib.config.program import Stage
 from dealib.config.stop import StopWhen
 from dealib.fem.films import FilmPoints
+from dealib.fem.probes import Probes
 from dealib.fem.snapshot import Snapshot
 from dealib.observe.quantities import columns, measured
 from dealib.program.bias import ReachWatch
@@ -62,7 +63,8 @@ class History:
 
     def __init__(self, engine: Engine) -> None:
         self._engine, config = engine, engine.config
-        self._films = FilmPoints.all(engine.problem, engine.layout)
+        self._films = FilmPoints.all(engine.problem, engine.layout, engine.normals)
+        self._probes = Probes(engine.problem, engine.layout)
         self._measured = measured(config)
         self._units = {name: column.unit for name, column in columns(config).items()}
         self._stability = StabilityWatch([p.film.law for p in self._films])
@@ -100,7 +102,7 @@ class History:
     def _measure(self, stage: Stage, at: float, more: dict[str, Any]) -> _Measured:
         of, p = self._engine, self._engine.progress
         row: dict[str, Any] = {"step": p.step + 1, "time_s": at, "stage": stage.stage}
-        snapshot = Snapshot(of.newton, self._films, of.viscosity)
+        snapshot = Snapshot(of.newton, self._films, self._probes, of.viscosity)
         for column in self._measured:
             row[column.name] = column.measure(snapshot)
         work = replace(p.work, done=dict(p.work.done))

@@ -94,7 +94,7 @@ def plain_drive(port: Port, name: str, knots: tuple[float, ...]) -> Drive:
 
 def rest(device: Device) -> dict[str, Drives]:
     """What drives the ports at rest: their values are zero; of floating conductors the charge."""
-    found = {}
+    found: dict[str, Drives] = {}
     for port in device.ports:
         name = (port.kind.dual if port.floating else port.kind.primal).name
         found[port.name] = (plain_drive(port, name, (0.0, 0.0)),)

@@ -8,10 +8,10 @@ from pathlib import Path
 
 from dealib.config.case import Case, resolved
 from dealib.errors import PlatformError
+from dealib.program.history import State
 from dealib.program.predictor import MEMORY
 from dealib.program.provenance import versions
 from dealib.program.simulation import Simulation
-from dealib.program.history import State
 from dealib.results.writer import Opening, Record, Writer
 
 
@@ -47,7 +47,7 @@ class Recorder:
         nodal, internal = state.nodal(), state.internal()
         if self._writer is not None:
             viscosity = state.engine.viscosity
-            at_gauss = None if viscosity is None else viscosity.at_gauss(internal)
+            at_gauss = None if viscosity is None else viscosity.at_points(internal)
             values = state.engine.plain()
             self._writer.add(Record(state.row, nodal, stored, values, MEMORY, internal, at_gauss))
         self._timings["output"] += time.perf_counter() - begin

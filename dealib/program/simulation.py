@@ -54,6 +54,7 @@ class Simulation:
             self._stages = (Stage(stage="prestrain", duration="1 s"), *self._stages)
         if resume is not None:
             self.engine.restore(resume)
+        self.engine.check_held(0.0)
 
     @property
     def progress(self) -> Progress:
@@ -97,6 +98,7 @@ class Simulation:
             )
         p.stage, p.stage_start, p.clock, p.branch = index, p.time, StageClock(), None
         p.over = False
+        self.engine.check_held(0.0)
 
     def sample(self, film: SecondFilm) -> Sampled:
         """Measure a second film by a run of its own."""

@@ -159,6 +159,40 @@ def maxwell(permittivity: float | Array, e: Array) -> Array:
 
 
 @dataclass(frozen=True)
+class Frame:
+    """Unit vectors across and in a film, in the mesh, (..., 3).
+
+    Attributes:
+        n: Across it.
+        a: In it.
+        b: In it, the last component of the kinematics in a plane.
+    """
+
+    n: Array
+    a: Array
+    b: Array
+
+    @classmethod
+    def across(cls, normal: int) -> Frame:
+        """Along the components."""
+        a, b = (np.eye(3)[k] for k in range(3) if k != normal)
+        return cls(np.eye(3)[normal], a, b)
+
+    @classmethod
+    def of_normals(cls, n: Array, plane: bool) -> Frame:
+        """At normals (..., 3), which have no last component where the mesh is plane."""
+        last = np.eye(3)[2] if plane else np.eye(3)[np.abs(n).argmin(axis=-1)]
+        a = np.cross(np.broadcast_to(last, n.shape), n)
+        a = a / np.linalg.norm(a, axis=-1)[..., None]
+        return cls(n, a, np.cross(n, a))
+
+
+def deformed(F: Array, v: Array) -> Array:
+    """F v at points."""
+    return np.einsum("...ij,...j", F, v)
+
+
+@dataclass(frozen=True)
 class RegionMaterial:
     """What a region is made of, for local quantities.
 

@@ -32,21 +32,33 @@ class Film:
         tension: That `wrinkling_use` counts from, MPa; with branches if these are mounted fresh.
         stiffness: Of the law at rest, for changes of shape, MPa.
         softens: Whether the law can lose it.
+        frame: Its directions in the mesh.
     """
 
     material: local.RegionMaterial
     tension: float
     stiffness: float
     softens: bool
+    frame: local.Frame
 
     @classmethod
-    def of(cls, material: local.RegionMaterial, fresh: bool) -> Film:
-        """The film of a material, whose branches may carry the pre-stretch at the start."""
+    def of(
+        cls, material: local.RegionMaterial, fresh: bool, frame: local.Frame | None = None
+    ) -> Film:
+        """The film of a material.
+
+        Args:
+            material: What it is made of.
+            fresh: Whether its branches carry the pre-stretch at the start.
+            frame: Its directions; default those of the material.
+        """
         law = material.law
         assert law is not None
         rest = float(stiffness(law, 1.0, 1.0))
         mounted = _mounted_tension(material, material.branches if fresh else ())
-        return cls(material, mounted if mounted > 1e-9 * rest else rest / 2, rest, softens(law))
+        tension = mounted if mounted > 1e-9 * rest else rest / 2
+        frame = local.Frame.across(material.normal) if frame is None else frame
+        return cls(material, tension, rest, softens(law), frame)
 
     @property
     def law(self) -> Law:
@@ -56,7 +68,11 @@ class Film:
 
     def stretches(self, F: Array) -> tuple[Array, Array]:
         """Principal stretches in the plane since the unstretched state, at F from the mesh."""
-        a, b = (F[..., k] * self.material.stretch[k] for k in self.material.plane)
+        rest = [v / self.material.stretch for v in (self.frame.a, self.frame.b)]  # unstretched
+        a, b = (
+            local.deformed(F, v) / np.linalg.norm(r, axis=-1)[..., None]
+            for v, r in zip((self.frame.a, self.frame.b), rest, strict=True)
+        )
         A, B = np.einsum("...i,...i", a, a), np.einsum("...i,...i", b, b)
         C = np.einsum("...i,...i", a, b)
         if not C.any():
@@ -77,11 +93,18 @@ class Film:
         m = self.material
         S = m.elastic_stress(k, pressure, internal)
         stress = local.cauchy(k.F, S) + m.electric_stress(k)
-        first = k.F[..., m.plane[0]]
+        first = local.deformed(k.F, self.frame.a)
         one = first / np.linalg.norm(first, axis=-1)[..., None]
-        two = np.cross(m.normal_at(k), one)
+        normal = np.einsum("...ji,...j", k.inverse, np.broadcast_to(self.frame.n, first.shape))
+        two = np.cross(normal / np.linalg.norm(normal, axis=-1)[..., None], one)
         pairs = ((one, one), (two, two), (one, two))
         return np.stack([np.einsum("...i,...ij,...j", x, stress, y) for x, y in pairs], axis=-1)
+
+    def thickness_stretch(self, k: local.Deformation) -> Array:
+        """Thickness over the unstretched one: 1 / |F^-T n| since the unstretched state."""
+        n = np.einsum("...ji,...j", k.inverse, np.broadcast_to(self.frame.n, k.e.shape))
+        rest = np.linalg.norm(self.frame.n * self.material.stretch, axis=-1)
+        return np.asarray(rest / np.linalg.norm(n, axis=-1))
 
     def wrinkling(self, tensions: Array) -> Array:
         """Share of the mounted tension that is lost, from tensions (..., 3) averaged across.
@@ -201,7 +224,11 @@ def fields(
     viscous = local.branch_cells(config, mesh)
     for material, regions in local.film_groups(config).values():
         cells = mesh.in_region(*regions)
-        film = Film.of(material, mounted_fresh(config, regions[0]))
+        frame = None
+        if mesh.normals is not None:
+            plane = config.device.kinematics.dim == 2
+            frame = local.Frame.of_normals(mesh.normals[cells], plane)
+        film = Film.of(material, mounted_fresh(config, regions[0]), frame)
         nodes, nodal = mesh.nodes[cells], state[mesh.cells[cells]]
         points = local.Points.of(config.device.kinematics, mesh.cell, nodes, mesh.cell.gauss)
         k = points.deformation(nodal)

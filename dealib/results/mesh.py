@@ -24,6 +24,8 @@ class ResultMesh:
         cells: Nodes of each cell, VTK's order.
         region: Region id of each cell.
         names: Region names by id.
+        normals: Direction across the films at the cells' Gauss points, (cells, points, 3), where
+            it is not that of a layer; else None.
     """
 
     cell: Cell
@@ -31,6 +33,7 @@ class ResultMesh:
     cells: Ints
     region: Ints
     names: tuple[str, ...]
+    normals: Array | None = None
 
     @classmethod
     def number(

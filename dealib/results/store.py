@@ -107,6 +107,8 @@ class StateFile:
         with new_hdf5(self.folder / "mesh.h5") as file:
             file["points_mm"], file["cells"] = mesh.points, mesh.cells
             file["region"] = mesh.region
+            if mesh.normals is not None:
+                file["normals"] = mesh.normals
             file.attrs["cell"], file.attrs["order"] = mesh.cell.name, mesh.cell.order
             file.attrs["region_names"] = list(mesh.names)
         self._file = memory_hdf5()
@@ -311,4 +313,5 @@ def read_mesh(file: Any) -> ResultMesh:
         group["cells"][:],
         group["region"][:],
         tuple(map(str, group.attrs["region_names"])),
+        group["normals"][:] if "normals" in group else None,
     )

@@ -67,7 +67,6 @@ class Columns:
         return np.asarray((sums[1:] / sums[0]).T)
 
 
-
 def edges(cell: Cell, nodes: Array, along: Array, normal: int) -> Array:
     """Coordinates that bound a layer's columns: of the corners on its upper face, ascending, mm.
 

@@ -10,9 +10,8 @@ from pydantic import Field, field_validator, model_validator
 
 from dealib.config.materials import ElectrodeMaterial
 from dealib.config.schema import Name
+from dealib.errors import ValueAt, did_you_mean
 from dealib.section import Section
-from dealib.config.source import did_you_mean
-from dealib.errors import ValueAt
 from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression, Signature
 from dealib.units import Length, Time
 
