@@ -277,16 +277,15 @@ class Config(Section):
         below = laminate.blocks.height if laminate.blocks else laminate.thickness / 2
         given: list[tuple[str, tuple[float, ...]]] = []
         for stage in self.program:
-            for _, kind, _, values in stage.inputs:
-                moved = values.displacement if kind.name == "mount" else None
-                given.append((f"in stage {stage.stage!r}", moved or ()))
+            where = f"in stage {stage.stage!r}"
+            moved = (getattr(item, "displacement", None) for *_, item in stage.inputs)
+            given += [(where, values) for values in moved if values]
             if stage.follow is not None and stage.follow.pair[1] == "displacement":
-                end = stage.follow.until.get("displacement", 0.0)
-                given.append((f"in stage {stage.stage!r}", (end,)))
+                given.append((where, (stage.follow.until["displacement"],)))
         if self.tables is not None:
             given.append(("in tables", self.tables.axes.get("displacement", ())))
-        for where, values in given:
-            stroke = max(map(abs, values), default=0.0)
+        for where, reached in given:
+            stroke = max(map(abs, reached), default=0.0)
             if stroke >= 0.9 * (laminate.air_height - below):
                 raise ValueAt(
                     ("geometry", "air_height"),

@@ -1,4 +1,4 @@
-"""From the sections of a config to a device: names are looked up, ports and supports put in order."""
+"""From the sections of a config to a device: names looked up, ports and supports in order."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ which space it is solved, and how such a device is usually held.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias, Union
 
 from pydantic import Field, model_validator
 
@@ -174,4 +174,5 @@ class Strip(Base):
 if TYPE_CHECKING:
     AnyBase: TypeAlias = Base
 else:
-    AnyBase = Annotated[tuple(Base.__subclasses__()), Field(discriminator="kind")]
+    _bases = Union[tuple(Base.__subclasses__())]  # noqa: UP007 - built at run time
+    AnyBase = Annotated[_bases, Field(discriminator="kind")]

@@ -1,4 +1,4 @@
-"""Shapes of devices in the config: each is a section and says what laminate or mesh it stands for."""
+"""Shapes of devices in the config: each says what laminate or mesh it stands for."""
 
 from __future__ import annotations
 
@@ -42,8 +42,9 @@ class AnnularStrips(Section):
 
     def laminate(self, conducts: Conducts) -> Laminate:
         """The laminate that it is short for."""
-        ring = {"inner_radius": self.inner_radius, "outer_radius": self.outer_radius}
-        base = Annulus.model_construct(kind="annulus", **ring)
+        base = Annulus.model_construct(
+            kind="annulus", inner_radius=self.inner_radius, outer_radius=self.outer_radius
+        )
         film = Layer("film", "film", self.film_thickness, False)
         layers = [film]
         if self.electrode_thickness > 0:

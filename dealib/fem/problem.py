@@ -1,4 +1,4 @@
-"""The total potential of a config: energies on regions and faces, compiled once a kind of problem."""
+"""The total potential of a config: energies on regions and faces, compiled once a kind."""
 
 from __future__ import annotations
 

@@ -230,7 +230,7 @@ class System:
         column = self.q.duplicate()
         column.set(0.0)
         self._add_vector(column, f"column {port}", self.map.physical)
-        start, end = column.getOwnershipRange()
+        start, _ = column.getOwnershipRange()
         mine = np.flatnonzero(column.array_r)
         rows, index = (start + mine).astype(np.int32), np.array([self.map.ports[port]], np.int32)
         values, add = column.array_r[mine], PETSc.InsertMode.ADD_VALUES

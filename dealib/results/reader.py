@@ -99,7 +99,7 @@ class Run:
         return h5py.File(self.directory / store.STATES, "r")
 
     def state(self, index: int = -1) -> Array:
-        """Nodal values of the index-th stored step, (nodes, columns), with the columns of `attrs['components']`."""
+        """Nodal values of the index-th stored step, (nodes, columns): u, phi, and p if mixed."""
         found = self._stored("states", index)
         assert found is not None
         return found
