@@ -66,16 +66,19 @@ class TerminalInput(_Port):
 
 
 class Gas(Section):
-    """Gas in a closed chamber, isothermal; the state is the one at rest, and that outside."""
+    """Gas in a closed chamber, isothermal: what it would have at rest says how much there is."""
 
     volume: Volume = Field(gt=0, description="of the chamber at rest")
     pressure: Stress = Field(gt=0, description="absolute one at rest, such as 101.325 kPa")
+    outside: Stress | None = Field(
+        None, gt=0, description="absolute one outside; default the same as at rest"
+    )
 
     def load(self, x: float) -> tuple[float, float]:
-        """Minus the displaced volume (mm^3) at a pressure x above that at rest, and its slope."""
-        absolute = max(self.pressure + x, 1e-6 * self.pressure)
-        scale = self.pressure * self.volume / absolute
-        return self.volume - scale, scale / absolute
+        """Minus the displaced volume (mm^3) at a pressure x above that outside, and its slope."""
+        absolute = max((self.outside or self.pressure) + x, 1e-6 * self.pressure)
+        now = self.pressure * self.volume / absolute
+        return self.volume - now, now / absolute
 
 
 class ChamberInput(_Port):
