@@ -45,6 +45,13 @@ class Mesh(Section):
     columns: int = Field(60, ge=4, multiple_of=2, description="cells along the layers; even")
     film_rows: int = Field(4, ge=1, description="cells across each dielectric layer")
     electrode_rows: int = Field(1, ge=1, description="cells across each conducting layer")
+    sectors: int = Field(
+        8,
+        ge=2,
+        multiple_of=2,
+        description="in three dimensions: cells in a quarter of a turn, or half of them across; "
+        "even",
+    )
     grading: Literal["ends", "uniform", "tanh"] = Field(
         "ends",
         description="ends: nearly square cells at ends, clamps and electrodes' edges; tanh: the "

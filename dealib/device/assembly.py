@@ -20,7 +20,7 @@ from dealib.device.records import (
     Support,
     air,
 )
-from dealib.device.shapes import MeshShape, Shape, check_part
+from dealib.device.shapes import MeshShape, Shape
 from dealib.errors import ValueAt, did_you_mean
 
 GROUND = "ground"
@@ -109,7 +109,7 @@ def device(
         raise ValueAt(("geometry",), problem)
     laminate, on = _patches(laminate, given.terminals or {})
     parts = _Parts(
-        laminate.base.kinematics,
+        laminate.kinematics,
         laminate.regions,
         laminate.boundaries,
         tuple(layer.name for layer in laminate.layers if layer.conducts),
@@ -123,7 +123,7 @@ def device(
         mounts = {} if end is None else {"mount": Mount(on=(*blocks, end), along="Z")}
     holds = given.holds
     if holds is None:
-        natural = [(name, axes) for name, axes in laminate.base.holds]
+        natural = laminate.held
         frame = [FRAME_BLOCK] if laminate.blocks is not None else []
         holds = [Hold(on=(*frame, name), fix=axes) for name, axes in natural]
     driven, ports = _driven(parts, mounts, holds, terminals, given.chambers or {})
@@ -149,7 +149,7 @@ def _patches(
             found[name] = terminal
             continue
         where = ("terminals", name)
-        check_part(terminal.within, laminate.base.limits, (*where, "within"))
+        part = terminal.within.part(laminate.base, laminate.solid, (*where, "within"))
         on = []
         for k, face in enumerate(terminal.on):
             if face not in laminate.faces:
@@ -157,7 +157,7 @@ def _patches(
                 problem = f"{face!r} is no face, of which a part could be taken"
                 raise ValueAt((*where, "on"), problem + did_you_mean(face, known))
             patch = f"{name}.{k + 1}" if len(terminal.on) > 1 else f"{name}.part"
-            patches[patch] = (face, terminal.within)
+            patches[patch] = (face, part)
             on.append(patch)
         found[name] = terminal.model_copy(update={"on": tuple(on), "within": None})
     return replace(laminate, patches=patches), found

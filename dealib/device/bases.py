@@ -7,16 +7,48 @@ which space it is solved, and how such a device is usually held.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, TypeAlias, Union
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Protocol, TypeAlias, Union
 
+import numpy as np
 from pydantic import Field, model_validator
 
-from dealib.device.kinematics import AXISYMMETRIC, PLANE_STRAIN, Kinematics
+from dealib.device import plan as plans
+from dealib.device.grading import Array
+from dealib.device.kinematics import AXISYMMETRIC, PLANE_STRAIN, SOLID, Kinematics
+from dealib.device.plan import Plan
 from dealib.errors import ValueAt
 from dealib.section import Section
 from dealib.units import Length
 
 Held = tuple[str, tuple[str, ...]]  # boundary and axes
+Span = tuple[float, float]
+_CORE = 0.5  # size of a disc's core, of the radius within which nothing begins or ends
+
+
+class Draft(Protocol):
+    """What a plan is drawn from.
+
+    Attributes:
+        sectors: Cells in a quarter of a turn, or across.
+        symmetry: Axes across which the device is cut in half: '', 'X', 'Y' or 'XY'.
+        circle: Centre and radius of a circular part, if there is one.
+    """
+
+    sectors: int
+    symmetry: str
+    circle: tuple[float, float, float] | None
+
+    def lines(self, axis: str, limits: Span, fine: tuple[bool, bool] = (True, True)) -> Array:
+        """Grid lines along an axis, fine where something begins or ends.
+
+        Args:
+            axis: The axis.
+            limits: Where they begin and end.
+            fine: Whether they are fine at both ends too.
+        """
+
+    def parts(self, axis: str, limits: Span) -> list[float]:
+        """Where something begins or ends along an axis, both limits included."""
 
 
 class Base(Section):
@@ -28,13 +60,15 @@ class Base(Section):
         ends: Boundaries at its beginning and its end; None where there is none.
         holds: What is held if the config does not say so.
         mount: Boundary of the mount that moves if the config does not say so; None for none.
+        mirrors: Axes across which it may be cut in half where it is solved in three dimensions.
     """
 
     along: ClassVar[str] = "R"
     across: ClassVar[str] = "Z"
-    ends: ClassVar[tuple[str | None, str | None]]
+    ends: ClassVar[tuple[str | None, ...]]
     holds: ClassVar[tuple[Held, ...]]
     mount: ClassVar[str | None] = None
+    mirrors: ClassVar[str] = ""
 
     @property
     def kinematics(self) -> Kinematics:
@@ -44,6 +78,10 @@ class Base(Section):
     @property
     def limits(self) -> tuple[float, float]:
         """Where it begins and ends along its axis, mm."""
+        raise AssertionError
+
+    def plan(self, draft: Draft) -> Plan:
+        """Its mesh in its own plane, for three dimensions; `mirrors` says where it has one."""
         raise AssertionError
 
     def bottom(self, thickness: float) -> float:
@@ -65,9 +103,10 @@ class Base(Section):
 class Annulus(Base):
     """Ring between two radii; the mount is a rigid disc within it."""
 
-    ends: ClassVar[tuple[str | None, str | None]] = ("inner", "outer")
+    ends: ClassVar[tuple[str | None, ...]] = ("inner", "outer")
     holds: ClassVar[tuple[Held, ...]] = (("outer", ("R", "Z")),)
     mount: ClassVar[str | None] = "inner"
+    mirrors: ClassVar[str] = "XY"
 
     kind: Literal["annulus"]
     inner_radius: Length = Field(gt=0, description="where it begins")
@@ -77,6 +116,11 @@ class Annulus(Base):
     def limits(self) -> tuple[float, float]:
         """See `Base`."""
         return self.inner_radius, self.outer_radius
+
+    def plan(self, draft: Draft) -> Plan:
+        """See `Base`."""
+        lines = draft.lines("R", self.limits)
+        return plans.polar(lines, draft.sectors, draft.symmetry, ("inner", "outer"))
 
     @model_validator(mode="after")
     def _ring(self) -> Annulus:
@@ -94,8 +138,9 @@ def check_radii(inner: float, outer: float) -> None:
 class Disc(Base):
     """Full disc; its axis is found by itself."""
 
-    ends: ClassVar[tuple[str | None, str | None]] = (None, "outer")
+    ends: ClassVar[tuple[str | None, ...]] = (None, "outer")
     holds: ClassVar[tuple[Held, ...]] = (("outer", ("R", "Z")),)
+    mirrors: ClassVar[str] = "XY"
 
     kind: Literal["disc"]
     radius: Length = Field(gt=0, description="where it ends")
@@ -105,13 +150,19 @@ class Disc(Base):
         """See `Base`."""
         return 0.0, self.radius
 
+    def plan(self, draft: Draft) -> Plan:
+        """See `Base`."""
+        core = _CORE * draft.parts("R", self.limits)[1]
+        lines = draft.lines("R", self.limits, (False, True))
+        return plans.disc(lines, core, draft.sectors, draft.symmetry, "outer")
+
 
 class Tube(Base):
     """Tube; its layers are stacked outwards, its first face lies on the inner radius."""
 
     along: ClassVar[str] = "Z"
     across: ClassVar[str] = "R"
-    ends: ClassVar[tuple[str | None, str | None]] = ("low", "high")
+    ends: ClassVar[tuple[str | None, ...]] = ("low", "high")
     holds: ClassVar[tuple[Held, ...]] = (("low", ("R", "Z")),)
     mount: ClassVar[str | None] = "high"
 
@@ -143,8 +194,9 @@ class Strip(Base):
     """Strip in plane strain, from X = 0; forces and charges are of its whole width."""
 
     along: ClassVar[str] = "X"
-    ends: ClassVar[tuple[str | None, str | None]] = ("left", "right")
+    ends: ClassVar[tuple[str | None, ...]] = ("left", "right")
     holds: ClassVar[tuple[Held, ...]] = (("left", ("X", "Z")),)
+    mirrors: ClassVar[str] = "Y"
 
     kind: Literal["strip"]
     length: Length = Field(gt=0, description="along X")
@@ -169,6 +221,61 @@ class Strip(Base):
     def girth(self) -> float:
         """See `Base`."""
         return self.width
+
+    def plan(self, draft: Draft) -> Plan:
+        """See `Base`: from -width/2 to width/2 along Y."""
+        half = self.width / 2
+        low = 0.0 if draft.symmetry else -half
+        names = ("left", "right", None if draft.symmetry else "front", "back")
+        lines = draft.lines("X", self.limits), draft.lines("Y", (low, half), (not low == 0, True))
+        return plans.symmetric(plans.tensor(*lines, sides=names), draft.symmetry)
+
+
+class Rectangle(Base):
+    """Rectangle about the origin, in three dimensions."""
+
+    along: ClassVar[str] = "X"
+    ends: ClassVar[tuple[str | None, ...]] = ("left", "right", "front", "back")
+    holds: ClassVar[tuple[Held, ...]] = tuple((end, ("X", "Y", "Z")) for end in ends)
+    mirrors: ClassVar[str] = "XY"
+
+    kind: Literal["rectangle"]
+    length: Length = Field(gt=0, description="along X, from -length/2")
+    width: Length = Field(gt=0, description="along Y, from -width/2")
+
+    @property
+    def kinematics(self) -> Kinematics:
+        """See `Base`."""
+        return SOLID
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """See `Base`."""
+        return -self.length / 2, self.length / 2
+
+    @property
+    def area(self) -> float:
+        """See `Base`."""
+        return self.length * self.width
+
+    @property
+    def girth(self) -> float:
+        """See `Base`."""
+        return self.width
+
+    def plan(self, draft: Draft) -> Plan:
+        """See `Base`."""
+        spans = [("X", self.length / 2), ("Y", self.width / 2)]
+        limits = [(0.0 if axis in draft.symmetry else -half, half) for axis, half in spans]
+        lines = [
+            draft.lines(axis, limit, (axis not in draft.symmetry, True))
+            for (axis, _), limit in zip(spans, limits, strict=True)
+        ]
+        plan = plans.tensor(*lines) if draft.circle is None else plans.with_circle(draft, lines)
+        names = dict(zip(self.ends, zip((0, 0, 1, 1), np.ravel(limits), strict=True), strict=True))
+        cut = {"XY".index(axis): axis for axis in draft.symmetry}
+        sides = {n: at for n, at in names.items() if not (at[0] in cut and at[1] == 0)}
+        return plans.symmetric(plans.bordered(plan, sides), draft.symmetry)
 
 
 if TYPE_CHECKING:

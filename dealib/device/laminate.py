@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import accumulate, pairwise
 from typing import Any
@@ -22,6 +22,7 @@ from dealib.device.grid import (
     Line,
     growing,
 )
+from dealib.device.kinematics import SOLID, Kinematics
 from dealib.device.records import AIR, Region, Sizes, Support, air
 
 MOUNT_BLOCK, FRAME_BLOCK = "mount_block", "frame_block"
@@ -31,6 +32,33 @@ _FEWEST = 6  # columns of a part of the base
 JOIN = "&"  # between the names of a boundary that has several
 
 Span = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a base.
+
+    Attributes:
+        spans: From where to where it goes along some axes.
+        circle: Centre and radius, if it is one.
+    """
+
+    spans: Mapping[str, Span] = field(default_factory=dict)
+    circle: tuple[float, float, float] | None = None
+
+    def covers(self, at: Mapping[str, Any]) -> Any:
+        """Whether it covers points, given by their coordinates along each axis."""
+        inside = np.ones(np.shape(next(iter(at.values()))), dtype=bool)
+        for axis, (a, b) in self.spans.items():
+            inside &= (a <= at[axis]) & (at[axis] <= b)
+        if self.circle is not None:
+            x, y, radius = self.circle
+            inside &= np.hypot(at["X"] - x, at["Y"] - y) <= radius
+        return inside
+
+    def breaks(self, axis: str) -> tuple[float, ...]:
+        """Where it begins and ends along an axis."""
+        return self.spans.get(axis, ())
 
 
 @dataclass(frozen=True)
@@ -51,7 +79,7 @@ class Layer:
     thickness: float
     conducts: bool
     rows: int | None = None
-    within: Span | None = None
+    within: Part | None = None
 
 
 @dataclass(frozen=True)
@@ -80,21 +108,42 @@ class Laminate:
         blocks: Rigid blocks at both ends, if there are some.
         patches: Parts of faces with names of their own: face and part.
         face: Pattern of the names of faces.
+        solid: Whether it is solved in three dimensions.
+        symmetry: Axes across which it is cut in half there: '', 'X', 'Y' or 'XY'.
     """
 
     base: Base
     layers: tuple[Layer, ...]
     air_height: float = 0.0
     blocks: Blocks | None = None
-    patches: Mapping[str, tuple[str, Span]] = field(default_factory=dict)
+    patches: Mapping[str, tuple[str, Part]] = field(default_factory=dict)
     face: str = "{layer}.{side}"
+    solid: bool = False
+    symmetry: str = ""
+
+    @property
+    def kinematics(self) -> Kinematics:
+        """Its space."""
+        return SOLID.times(2 ** len(self.symmetry)) if self.solid else self.base.kinematics
+
+    @property
+    def held(self) -> list[tuple[str, tuple[str, ...]]]:
+        """What is held if the config does not say so."""
+        every = self.kinematics.axes if self.solid else None
+        return [(name, every or axes) for name, axes in self.base.holds]
+
+    @property
+    def parts(self) -> list[Part]:
+        """Parts of the base that a layer or a patch covers."""
+        found = [x.within for x in self.layers if x.within is not None]
+        return found + [part for _, part in self.patches.values()]
 
     # --- names -----------------------------------------------------------------------------------
 
     @property
     def normal(self) -> int:
         """Component across the layers."""
-        return self.base.kinematics.components.index(self.base.across)
+        return self.kinematics.components.index(self.base.across)
 
     @property
     def regions(self) -> tuple[Region, ...]:
@@ -117,8 +166,13 @@ class Laminate:
     @property
     def boundaries(self) -> tuple[str, ...]:
         """Names of boundaries that supports, terminals and chambers may take."""
-        names = (name for group in self._lines(self._breaks()) for name in group.split(JOIN))
-        return tuple(dict.fromkeys(names))
+        base = self.base
+        ends = [end if end is not None else AXIS for end in base.ends]
+        if len(self.kinematics.axes) == 3:
+            symmetry = [f"symmetry_{axis}" for axis in self.symmetry]
+            return (*filter(None, ends), *symmetry, *self.faces, *self.patches)
+        groups = self._lines(self.breaks(base.along, base.limits))
+        return tuple(dict.fromkeys(name for group in groups for name in group.split(JOIN)))
 
     def middle(self) -> float:
         """Coordinate of the middle of the stack across the base, mm."""
@@ -139,44 +193,49 @@ class Laminate:
         """See `Sizes`."""
         base, film = self.base, self.film
         first, last = base.limits
-        around = 2 * np.pi * last if base.kinematics.revolved else base.girth
+        around = 2 * np.pi * last if base.along == "R" else base.girth
         return Sizes(
             film.thickness, last - first, base.girth, base.area, float(around), self.air_height
         )
 
     def supports(self, held: Mapping[str, tuple[str, ...]]) -> list[Support]:
-        """What the shape itself holds: the axis, and the air's sides, which slide or stay.
+        """What the shape itself holds: the axis, symmetry, and the air's sides.
 
         Args:
             held: Axes that are held at each end of the base.
         """
-        base, axes = self.base, self.base.kinematics.axes
-        found = []
-        if base.along == "R" and base.limits[0] == 0:
+        base, axes = self.base, self.kinematics.axes
+        found = [Support(axis, f"symmetry_{axis}") for axis in self.symmetry]
+        if base.along == "R" and base.limits[0] == 0 and len(axes) == 2:
             found.append(Support("R", AXIS))
         if self.air_height == 0:
             return found
-        for end, side in zip(base.ends, (AIR_START, AIR_END), strict=True):
+        for end, side in zip(base.ends, self.air_sides, strict=True):
             fixed = held.get(end, ()) if end is not None else (base.along,)
-            whole = set(fixed) == set(axes)
-            found += [Support(a, side) for a in axes if a in fixed and (whole or a == base.along)]
-        far = [AIR_TOP, AIR_BOTTOM]
-        return found + [Support(a, side) for side in far for a in axes]
+            found += [Support(axis, side) for axis in axes if axis in fixed]
+        return found + [Support(axis, side) for side in (AIR_TOP, AIR_BOTTOM) for axis in axes]
+
+    @property
+    def air_sides(self) -> tuple[str, ...]:
+        """Names of the air's sides at the ends of the base."""
+        if len(self.kinematics.axes) == 2:
+            return AIR_START, AIR_END
+        return tuple(f"air_{end}" for end in self.base.ends)
 
     # --- mesh ------------------------------------------------------------------------------------
 
     def grid(self, mesh: Any) -> Grid:
-        """Grid of the mesh.
+        """Grid of a plane mesh.
 
         Args:
             mesh: The config's section.
         """
         base = self.base
-        along = self._breaks()
+        along = self.breaks(base.along, base.limits)
         levels = list(
             accumulate((x.thickness for x in self.layers), initial=base.bottom(self.thickness))
         )
-        columns = self._columns(along, mesh)
+        columns = self.columns(along, mesh)
         spacing = {("along", i): s for i, s in enumerate(columns)}
         for j, layer in enumerate(self.layers):
             rows = layer.rows or (mesh.electrode_rows if layer.conducts else mesh.film_rows)
@@ -188,42 +247,58 @@ class Laminate:
         if self.air_height > 0:
             size = mesh.air_size or self.air_height / 5
             levels = self._add_air(along, levels, spacing, cells, lines)
-        swapped = base.across == base.kinematics.axes[0]
+        swapped = base.across == self.kinematics.axes[0]
         return Grid(tuple(along), tuple(levels), spacing, cells, lines, size, swapped)
 
-    def _breaks(self) -> list[float]:
-        """Coordinates along the base at which a layer or a patch begins or ends."""
-        spans = [x.within for x in self.layers if x.within is not None]
-        spans += [span for _, span in self.patches.values()]
-        first, last = self.base.limits
-        found, apart = [first], 1e-9 * (last - first)
-        for x in sorted({x for span in spans for x in span}):
-            if found[-1] + apart < x < last - apart:
+    def breaks(self, axis: str, limits: Span) -> list[float]:
+        """Coordinates along an axis at which a layer or a patch begins or ends."""
+        found, apart = [limits[0]], 1e-9 * (limits[1] - limits[0])
+        for x in sorted({x for part in self.parts for x in part.breaks(axis)}):
+            if found[-1] + apart < x < limits[1] - apart:
                 found.append(x)
-        return [*found, last]
+        return [*found, limits[1]]
 
-    def _columns(self, along: list[float], mesh: Any) -> list[Array]:
-        """Spacing of each part of the base: fine at ends, clamps and edges of electrodes."""
-        length = along[-1] - along[0]
-        cross = min(x.thickness / (x.rows or mesh.film_rows) for x in self.layers if not x.conducts)
+    def columns(
+        self,
+        along: list[float],
+        mesh: Any,
+        fine: tuple[bool, bool] | None = None,
+        across: bool = False,
+    ) -> list[Array]:
+        """Spacing of each part of a line: fine at ends, clamps and edges of electrodes.
+
+        Args:
+            along: Where parts begin and end.
+            mesh: The config's section.
+            fine: Whether it is fine at both ends; by default but where the base has no end.
+            across: Whether it is a line across the base.
+        """
+        first, last = fine or (self.base.ends[0] is not None, True)
+        length, wanted = along[-1] - along[0], 2 * mesh.sectors if across else mesh.columns
+        films = [x for x in self.layers if not x.conducts]
+        cross = min(x.thickness / (x.rows or mesh.film_rows) for x in films)
+        if self.solid:  # cells are few: they shall resolve the layer of this width at a clamp
+            cross = min(x.thickness / 2 for x in films)
         found = []
         for k, (a, b) in enumerate(pairwise(along)):
-            cells = mesh.columns
+            cells = wanted
             if len(along) > 2:
-                cells = max(_FEWEST, 2 * round(mesh.columns * (b - a) / length / 2))
+                cells = max(_FEWEST, 2 * round(wanted * (b - a) / length / 2))
             end = min(cross, (b - a) / cells) / (b - a)
+            ends = (first or k > 0, last or k < len(along) - 2)
             if mesh.grading == "uniform":
                 found.append(np.linspace(0, 1, cells + 1))
             elif mesh.grading == "tanh":
                 found.append(grading.tanh(cells))
-            elif k == 0 and self.base.ends[0] is None:  # at the axis nothing is steep
-                found.append(1 - grading.geometric(cells, end)[::-1])
-            else:
+            elif all(ends):
                 found.append(grading.ends(cells, end))
+            else:  # at the axis, or a plane of symmetry, nothing is steep
+                one = grading.geometric(cells, end)
+                found.append(one if ends[0] else 1 - one[::-1])
         return found
 
-    def _covers(self, within: Span | None, a: float, b: float) -> bool:
-        return within is None or within[0] <= (a + b) / 2 <= within[1]
+    def _covers(self, within: Part | None, a: float, b: float) -> bool:
+        return within is None or bool(within.covers({self.base.along: (a + b) / 2}))
 
     def _cells(self, along: list[float]) -> dict[tuple[int, int], str]:
         found = {}
@@ -248,23 +323,52 @@ class Laminate:
                 for j, layer in enumerate(self.layers)
                 if self._covers(layer.within, a, b)
             ]
-        names: dict[Line, list[str]] = {}
-        conductors: dict[Line, list[str]] = {}
-        for face, (j, side) in self.faces.items():
-            layer, level = self.layers[j], j + (side == "top")
-            for i, (a, b) in parts:
-                if self._covers(layer.within, a, b):
-                    of = conductors if layer.conducts else names
-                    of.setdefault((i, level, "along"), []).append(face)
-        for line, faces in conductors.items():
-            names.setdefault(line, faces)
-        for patch, (face, span) in self.patches.items():
-            for (i, _, _), faces in names.items():
-                if face in faces and self._covers(span, *along[i : i + 2]):
-                    faces.append(patch)
-        for line, faces in names.items():
-            found.setdefault(JOIN.join(faces), []).append(line)
+        middles = {self.base.along: np.array([(a + b) / 2 for _, (a, b) in parts])}
+        for names, level, mask in self.interfaces(middles):
+            here = [(int(i), level, "along") for i in np.flatnonzero(mask)]
+            found.setdefault(JOIN.join(names), []).extend(here)
         return found
+
+    def interfaces(self, at: Mapping[str, Array]) -> Iterator[tuple[tuple[str, ...], int, Any]]:
+        """Faces by level: names, level, and which of some points along the base are on them.
+
+        Where a conductor touches a dielectric, their interface has the dielectric's name alone.
+
+        Args:
+            at: Coordinates of the points by axis.
+        """
+        none = np.zeros(len(next(iter(at.values()))), dtype=bool)
+        covered = [
+            ~none if layer.within is None else layer.within.covers(at) for layer in self.layers
+        ]
+        for level in range(len(self.layers) + 1):
+            low = covered[level - 1] if level else none
+            high = covered[level] if level < len(self.layers) else none
+            sides = [(level - 1, "top"), (level, "bottom")]
+            for mask, of in ((low & ~high, sides[:1]), (high & ~low, sides[1:]), (low & high, sides)):
+                if not mask.any():
+                    continue
+                dielectric = [(k, side) for k, side in of if not self.layers[k].conducts]
+                names = [
+                    self.face.format(layer=self.layers[k].name, side=side)
+                    for k, side in (dielectric or of)
+                ]
+                yield from self._patched(tuple(names), level, mask, at)
+
+    def _patched(
+        self, names: tuple[str, ...], level: int, mask: Any, at: Mapping[str, Array]
+    ) -> Iterator[tuple[tuple[str, ...], int, Any]]:
+        """Points of faces by the patches on them."""
+        parts = [(names, mask)]
+        for patch, (face, part) in self.patches.items():
+            if face in names:
+                inside = part.covers(at)
+                parts = [
+                    found
+                    for names, mask in parts
+                    for found in (((*names, patch), mask & inside), (names, mask & ~inside))
+                ]
+        yield from ((names, level, mask) for names, mask in parts if mask.any())
 
     def _add_blocks(
         self,

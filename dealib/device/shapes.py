@@ -7,14 +7,20 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, Union
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from dealib.device.bases import Annulus, AnyBase, check_radii
+from dealib.device.bases import Annulus, AnyBase, Base, Rectangle, check_radii
 from dealib.device.kinematics import SPACES, Kinematics
-from dealib.device.laminate import Blocks, Laminate, Layer
+from dealib.device.laminate import Blocks, Laminate, Layer, Part
+from dealib.device.plan import SQUARE
 from dealib.errors import ValueAt
 from dealib.section import Section
 from dealib.units import Length
 
 Conducts = Callable[[str], bool]  # whether a material is a conductor
+Path_: TypeAlias = tuple[str | int, ...]
+if TYPE_CHECKING:
+    Span: TypeAlias = tuple[float, float]
+else:
+    Span = tuple[Length, Length]
 
 
 class Clamps(Section):
@@ -87,19 +93,59 @@ def check_air(height: float, solid: float) -> None:
 # --- laminates -----------------------------------------------------------------------------------
 
 
-def along_axis(value: object) -> object:
-    """A part of the base, given as [from, to] or under the name of its axis."""
-    if isinstance(value, Mapping) and len(value) == 1:
-        return next(iter(value.values()))
-    return value
+class Within(Section):
+    """A part of the base: [from, to] along it; by axes; or a circle."""
 
+    along: Span | None = Field(None, description="from where to where along the base")
+    R: Span | None = Field(None, description="the same, by the name of the axis")
+    X: Span | None = Field(None, description="the same")
+    Y: Span | None = Field(None, description="the same, across it")
+    Z: Span | None = Field(None, description="the same, of a tube")
+    centre: tuple[Length, Length] | None = Field(None, description="of a circle; default 0, 0")
+    radius: Length | None = Field(None, gt=0, description="of a circle on a rectangle")
 
-Within = Annotated[
-    tuple[Length, Length],
-    BeforeValidator(
-        along_axis, json_schema_input_type=tuple[Length, Length] | dict[str, tuple[Length, Length]]
-    ),
-]
+    @model_validator(mode="before")
+    @classmethod
+    def _listed(cls, given: object) -> object:
+        return {"along": given} if isinstance(given, (list, tuple)) else given
+
+    def part(self, base: Base, solid: bool, where: Path_) -> Part:
+        """The part of a base.
+
+        Raises:
+            ValueAt: If it does not lie on it.
+        """
+        axes = {base.along: base.limits}
+        if solid and base.along == "X":
+            axes["Y"] = (-base.girth / 2, base.girth / 2)
+        spans = {base.along: self.along} if self.along is not None else {}
+        spans |= {a: getattr(self, a) for a in "RXYZ" if getattr(self, a) is not None}
+        for axis, (a, b) in spans.items():
+            if axis not in axes:
+                known = ", ".join(axes)
+                raise ValueAt(where, f"the base has no axis {axis}; it has {known}")
+            low, high = axes[axis]
+            if not low <= a < b <= high:
+                raise ValueAt(
+                    where,
+                    f"{a:g} to {b:g} mm is no part of the base, which goes from {low:g} to "
+                    f"{high:g} mm along {axis}",
+                )
+        if self.radius is None:
+            if not spans or self.centre is not None:
+                raise ValueAt(where, "expected [from, to], or a circle's centre and radius")
+            return Part(spans)
+        if not isinstance(base, Rectangle) or spans:
+            raise ValueAt((*where, "radius"), "circles lie on a rectangle, and alone")
+        x, y = self.centre or (0.0, 0.0)
+        reach = SQUARE * self.radius
+        if abs(x) + reach >= base.length / 2 or abs(y) + reach >= base.width / 2:
+            raise ValueAt(
+                (*where, "radius"),
+                f"the circle is too near to the rectangle's sides: {reach:g} mm from its centre "
+                "must be free",
+            )
+        return Part(circle=(x, y, self.radius))
 
 
 class LayerSection(Section):
@@ -112,7 +158,7 @@ class LayerSection(Section):
         None, ge=1, le=1000, description="cells across; default mesh.film_rows or electrode_rows"
     )
     within: Within | None = Field(
-        None, description="part of the base that it covers, [from, to]; default all of it"
+        None, description="part of the base that it covers, such as [from, to]; default all of it"
     )
 
 
@@ -133,16 +179,34 @@ class LaminateShape(Section):
         0.0, ge=0, description="air on both sides, from the middle of the layers; 0 mm: no air"
     )
 
+    space: Literal["3d"] | None = Field(
+        None, description="3d: solve a flat base in three dimensions; default its own space"
+    )
+    symmetry: tuple[Literal["X", "Y"], ...] = Field(
+        (), description="in three dimensions: axes across which it is cut in half"
+    )
+
+    @property
+    def solid(self) -> bool:
+        """Whether it is solved in three dimensions."""
+        return self.space == "3d" or isinstance(self.base, Rectangle)
+
     def laminate(self, conducts: Conducts) -> Laminate:
         """The laminate."""
-        return Laminate(self.base, tuple(self._layers(conducts)), self.air_height)
+        symmetry = "".join(sorted(self.symmetry))
+        layers = tuple(self._layers(conducts))
+        return Laminate(
+            self.base, layers, self.air_height, solid=self.solid, symmetry=symmetry
+        )
 
     def _layers(self, conducts: Conducts) -> Iterator[Layer]:
         for item, suffix in self._items():
-            material = item.material or item.name
+            material, part = item.material or item.name, None
+            if item.within is not None:
+                part = item.within.part(self.base, self.solid, ("layers", "within"))
             yield Layer(
                 *(item.name + suffix, material, item.thickness, conducts(material)),
-                *(item.rows, item.within),
+                *(item.rows, part),
             )
 
     def _items(self) -> Iterator[tuple[LayerSection, str]]:
@@ -155,7 +219,6 @@ class LaminateShape(Section):
 
     @model_validator(mode="after")
     def _possible(self) -> LaminateShape:
-        first, last = self.base.limits
         seen: set[str] = set()
         for k, given in enumerate(self.layers):
             for layer in given.layers if isinstance(given, Repeat) else [given]:
@@ -164,22 +227,14 @@ class LaminateShape(Section):
                     raise ValueAt(("layers", k), problem)
                 seen.add(layer.name)
                 if layer.within is not None:
-                    check_part(layer.within, (first, last), ("layers", k, "within"))
+                    layer.within.part(self.base, self.solid, ("layers", k, "within"))
         check_air(self.air_height, sum(x.thickness for x, _ in self._items()) / 2)
+        if self.solid and not self.base.mirrors:
+            raise ValueAt(("space",), f"a {self.base.kind} is not solved in three dimensions")
+        for axis in self.symmetry:
+            if not self.solid or axis not in self.base.mirrors:
+                raise ValueAt(("symmetry",), f"it is not symmetric about the plane {axis} = 0 here")
         return self
-
-
-def check_part(
-    within: tuple[float, float], limits: tuple[float, float], where: tuple[str | int, ...]
-) -> None:
-    """Raise `ValueAt` if a part does not lie on its base."""
-    a, b = within
-    if not limits[0] <= a < b <= limits[1]:
-        raise ValueAt(
-            where,
-            f"{a:g} to {b:g} mm is no part of the base, which goes from {limits[0]:g} to "
-            f"{limits[1]:g} mm",
-        )
 
 
 # --- meshes --------------------------------------------------------------------------------------
