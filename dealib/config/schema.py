@@ -78,6 +78,11 @@ class Physics(Section):
         "electrode faces: maxwell_traction, the Maxwell stress; pelrine, eps (V/d)^2; or "
         "pelrine_undeformed, the same with the thickness at rest",
     )
+    model: Literal["solid", "membrane"] = Field(
+        "solid",
+        description="membrane: of laminates, on the middle surface, without bending; the deviation "
+        "is linear in the thickness over the span",
+    )
     formulation: Literal["displacement", "mixed"] = Field(
         "displacement",
         description="displacement: u and phi; mixed: u, phi and the pressure, for bulk moduli "
@@ -217,7 +222,9 @@ class Config(Section):
         if isinstance(self.geometry, MeshShape):
             names = physical_names(Path(self.geometry.file))
         sections = Sections(self.terminals, self.mounts, self.holds, self.chambers, self.regions)
-        return device(self.geometry, {n: self.conducts(n) for n in self.materials}, sections, names)
+        conductors = {name: self.conducts(name) for name in self.materials}
+        sheet = self.physics.model == "membrane"
+        return device(self.geometry, conductors, sections, names, sheet)
 
     def conducts(self, material: str) -> bool:
         """Whether a material is a conductor here."""
@@ -250,6 +257,12 @@ class Config(Section):
         check_materials(self.materials)
         if self.physics.formulation == "mixed" and self.mesh.order != 2:
             raise ValueAt(("mesh", "order"), "physics.formulation: mixed needs order 2")
+        if self.physics.model == "membrane":
+            if self.physics.formulation == "mixed":
+                where = ("physics", "formulation")
+                raise ValueAt(where, "a membrane needs no pressure: it is thin, and free across")
+            if isinstance(self.geometry, MeshShape):
+                raise ValueAt(("physics", "model"), "membrane: only of laminates")
         if self.mesh.file is not None and not isinstance(self.geometry, AnnularStrips):
             raise ValueAt(("mesh", "file"), "only of annular_strips; else geometry.shape: mesh")
         if not isinstance(self.geometry, MeshShape):  # whose file is found by `load`

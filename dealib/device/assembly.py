@@ -85,6 +85,7 @@ def device(
     conductors: Mapping[str, bool],
     given: Sections,
     names: Mapping[str, int] | None = None,
+    sheet: bool = False,
 ) -> Device:
     """The device that a config describes.
 
@@ -93,6 +94,7 @@ def device(
         conductors: For each material whether it conducts.
         given: Ports, holds and regions of the config.
         names: Physical names of an own mesh and their dimensions.
+        sheet: Whether a laminate is solved on its middle surface.
 
     Raises:
         ValueAt: With the place in the config, if a name means nothing or parts contradict.
@@ -100,6 +102,8 @@ def device(
     if isinstance(geometry, MeshShape):
         return _of_mesh(geometry, conductors, given, names or {})
     laminate = geometry.laminate(lambda material: conductors.get(material, False))
+    if sheet:
+        laminate = _as_sheet(laminate)
     for k, layer in enumerate(laminate.layers):
         if layer.material not in conductors:
             where: Path_ = ("geometry",)
@@ -137,6 +141,14 @@ def device(
         laminate.sizes,
         laminate,
     )
+
+
+def _as_sheet(laminate: Laminate) -> Laminate:
+    """The same on its middle surface."""
+    if laminate.air_height > 0 or laminate.blocks is not None:
+        what = "air_height" if laminate.air_height > 0 else "clamps"
+        raise ValueAt(("geometry", what), "a membrane has none: its field stays between electrodes")
+    return replace(laminate, sheet=True)
 
 
 def _patches(

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from dealib.config.schema import Config
-from dealib.device import own_mesh, own_strips, solid
+from dealib.device import own_mesh, own_strips, sheet, solid
 from dealib.device.shapes import AnnularStrips, MeshShape
 from dealib.errors import ConfigError, PlatformError
 
@@ -31,7 +31,9 @@ def gmsh_model(config: Config) -> Iterator[Any]:
         gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
         if config.mesh.file is None and laminate is not None:
             gmsh.model.add(config.name)
-            if config.device.kinematics.dim == 3:
+            if laminate.sheet:
+                sheet.build(gmsh, laminate, config.mesh)
+            elif laminate.solid:
                 solid.build(gmsh, laminate, config.mesh)
             else:
                 laminate.grid(config.mesh).build(gmsh)

@@ -40,6 +40,16 @@ class Kinematics:
         return len(self.axes)
 
     @property
+    def lies(self) -> tuple[int, ...]:
+        """Numbers of the axes in which the mesh lies."""
+        return tuple(range(self.dim))
+
+    @property
+    def sheet(self) -> bool:
+        """Whether the mesh is a middle surface."""
+        return False
+
+    @property
     def revolved(self) -> bool:
         """Whether it is a body of revolution, whose first coordinate is the radius."""
         return self.space == "axisymmetric"
@@ -117,6 +127,130 @@ class Kinematics:
         E = np.zeros((*dN.shape[:2], 3))
         E[..., : self.dim] = -(phi[:, None, None] @ dN)[..., 0, :]
         return E
+
+
+@dataclass(frozen=True)
+class SheetKinematics(Kinematics):
+    """A sheet on a line or in a plane: its middle surface moves in space.
+
+    The deformation gradient is known but for a rotation, by which no energy changes: its columns
+    are the base's tangents in a triangular form, and the thickness stretch across.
+
+    Attributes:
+        inside: Numbers of the axes in which the mesh lies.
+        normal: Number of the component across it.
+        offset: Coordinate of the mesh across it, mm.
+    """
+
+    inside: tuple[int, ...] = (0,)
+    normal: int = 1
+    offset: float = 0.0
+
+    @property
+    def lies(self) -> tuple[int, ...]:
+        """See `Kinematics`."""
+        return self.inside
+
+    @property
+    def sheet(self) -> bool:
+        """See `Kinematics`."""
+        return True
+
+    def volume(self, position: Any) -> Any:
+        """See `Kinematics`: the radius is that of the mesh, or of the tube."""
+        radius = position[0] if self.lies[0] == 0 else self.offset
+        return self.multiple * radius if self.revolved else self.multiple
+
+    def tangents(self, u: Any) -> list[Any]:
+        """Tangents of the deformed sheet along the mesh's coordinates, UFL vectors of the axes."""
+        import ufl
+
+        H = ufl.grad(u)
+        found = []
+        for k, axis in enumerate(self.lies):
+            parts = [H[i, k] + (1 if i == axis else 0) for i in range(self.dim)]
+            found.append(ufl.as_vector(parts))
+        return found
+
+    def around(self, u: Any, position: Any) -> Any:
+        """Stretch along the last component of a plane space: the hoop's, or 1."""
+        if not self.revolved:
+            return 1
+        return 1 + u[0] / (position[0] if self.lies[0] == 0 else self.offset)
+
+    def sheet_gradient(self, u: Any, position: Any, across: Any) -> Any:
+        """F of shape (3, 3) but for a rotation, at a thickness stretch."""
+        import ufl
+
+        tangents = self.tangents(u)
+        if self.dim == 3:
+            a, b = tangents
+            first = ufl.sqrt(ufl.dot(a, a))
+            shear = ufl.dot(a, b) / first
+            second = ufl.sqrt(ufl.dot(b, b) - shear**2)
+            return ufl.as_matrix([[first, shear, 0], [0, second, 0], [0, 0, across]])
+        along = ufl.sqrt(ufl.dot(tangents[0], tangents[0]))
+        diagonal = {self.lies[0]: along, self.normal: across, 2: self.around(u, position)}
+        return ufl.as_matrix([[diagonal[i] if i == j else 0 for j in range(3)] for i in range(3)])
+
+    def area_vector(self, u: Any, position: Any) -> Any:
+        """Deformed area per area of the mesh, across it, of shape (3,)."""
+        import ufl
+
+        tangents = self.tangents(u)
+        if self.dim == 3:
+            return ufl.cross(*tangents)
+        (t,), sign = tangents, 1 if self.lies[0] == 0 else -1
+        around = self.around(u, position)
+        return ufl.as_vector([-sign * t[1] * around, sign * t[0] * around, 0])
+
+    def in_space(self, position: Any) -> Any:
+        """Position in space of the mesh's coordinates, a UFL vector of the axes."""
+        import ufl
+
+        found: list[Any] = [self.offset if k == self.normal else 0.0 for k in range(self.dim)]
+        for k, axis in enumerate(self.lies):
+            found[axis] = position[k]
+        return ufl.as_vector(found)
+
+    def across(self) -> Any:
+        """Unit vector across the mesh, of shape (3,)."""
+        import ufl
+
+        return ufl.as_vector([1.0 if k == self.normal else 0.0 for k in range(3)])
+
+    def positions(self, mesh: Array) -> Array:
+        """Positions in space, (..., axes), of coordinates in the mesh."""
+        found = np.zeros((*mesh.shape[:-1], self.dim))
+        found[..., self.normal] = self.offset
+        for k, axis in enumerate(self.lies):
+            found[..., axis] = mesh[..., k]
+        return found
+
+    def sheet_deformation(self, u: Array, N: Array, dN: Array, position: Array) -> Array:
+        """F at points of cells but for its column across, which is the unit normal.
+
+        Args:
+            u: Nodal displacements (cells, nodes, axes).
+            N: Shape functions (points, nodes).
+            dN: Their gradients in the mesh (cells, points, nodes, mesh's coordinates).
+            position: The points in space (cells, points, axes).
+        """
+        F = np.zeros((*position.shape[:2], 3, 3))
+        H = np.swapaxes(u, 1, 2)[:, None] @ dN
+        for k, axis in enumerate(self.lies):
+            F[..., : self.dim, axis] = H[..., k]
+            F[..., axis, axis] += 1
+        if self.dim == 3:
+            n = np.cross(F[..., 0], F[..., 1])
+        else:
+            F[..., 2, 2] = 1.0
+            if self.revolved:
+                F[..., 2, 2] += u[..., 0] @ N.T / position[..., 0]
+            t, sign = F[..., self.lies[0]], 1 if self.lies[0] == 0 else -1
+            n = np.stack([-sign * t[..., 1], sign * t[..., 0], 0 * t[..., 0]], axis=-1)
+        F[..., self.normal] = n / np.linalg.norm(n, axis=-1)[..., None]
+        return F
 
 
 AXISYMMETRIC = Kinematics("axisymmetric", ("R", "Z"), ("R", "Z", "theta"), 2 * np.pi)

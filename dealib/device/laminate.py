@@ -22,7 +22,7 @@ from dealib.device.grid import (
     Line,
     growing,
 )
-from dealib.device.kinematics import SOLID, Kinematics
+from dealib.device.kinematics import SOLID, Kinematics, SheetKinematics
 from dealib.device.records import AIR, Region, Sizes, Support, air
 
 MOUNT_BLOCK, FRAME_BLOCK = "mount_block", "frame_block"
@@ -110,6 +110,7 @@ class Laminate:
         face: Pattern of the names of faces.
         solid: Whether it is solved in three dimensions.
         symmetry: Axes across which it is cut in half there: '', 'X', 'Y' or 'XY'.
+        sheet: Whether it is solved on its middle surface, as a membrane.
     """
 
     base: Base
@@ -120,11 +121,22 @@ class Laminate:
     face: str = "{layer}.{side}"
     solid: bool = False
     symmetry: str = ""
+    sheet: bool = False
 
     @property
     def kinematics(self) -> Kinematics:
         """Its space."""
-        return SOLID.times(2 ** len(self.symmetry)) if self.solid else self.base.kinematics
+        base = self.base
+        space = SOLID.times(2 ** len(self.symmetry)) if self.solid else base.kinematics
+        if not self.sheet:
+            return space
+        lies = (0, 1) if self.solid else (space.axes.index(base.along),)
+        normal = space.components.index(base.across)
+        offset = base.bottom(self.thickness) + self.thickness / 2
+        return SheetKinematics(
+            *(space.space, space.axes, space.components, space.multiple),
+            *(lies, normal, offset),
+        )
 
     @property
     def held(self) -> list[tuple[str, tuple[str, ...]]]:
@@ -279,6 +291,8 @@ class Laminate:
         cross = min(x.thickness / (x.rows or mesh.film_rows) for x in films)
         if self.solid:  # cells are few: they shall resolve the layer of this width at a clamp
             cross = min(x.thickness / 2 for x in films)
+        if self.sheet:  # which has no such layer
+            cross = length
         found = []
         for k, (a, b) in enumerate(pairwise(along)):
             cells = wanted

@@ -68,10 +68,12 @@ class MaxwellBranch:
         return 1.5 * self.modulus / w * ufl.det(H + w * C) ** (1.0 / 3.0) / self.solid.volume
 
 
-def maxwell_branches(solid: Hyperelastic, branches: tuple[Branch, ...], terms: Any) -> list[Energy]:
-    """The potentials of a solid's branches."""
+def maxwell_branches(
+    solid: Hyperelastic, branches: tuple[Branch, ...], terms: Any, first: int = 0
+) -> list[Energy]:
+    """The potentials of a solid's branches, which are those from a first one in the terms."""
     mesh = terms.function_space.mesh
     return [
-        MaxwellBranch(solid, constant(mesh, b.shear_modulus), b.evolution, terms, i)
+        MaxwellBranch(solid, constant(mesh, b.shear_modulus), b.evolution, terms, first + i)
         for i, b in enumerate(branches)
     ]

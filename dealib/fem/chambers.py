@@ -7,8 +7,6 @@ from typing import Any
 
 from mpi4py import MPI
 
-import ufl
-
 from dealib.device.kinematics import Kinematics
 from dealib.device.records import Port
 from dealib.errors import ConfigError
@@ -40,8 +38,8 @@ class ChamberPressure:
         """See `Energy`; the normal points out of the solid, into the chamber."""
         share = 2 if self.kinematics.revolved and self.axis == 0 else 1
         x = point.x[self.axis] + point.u[self.axis]
-        flux = x * (ufl.det(point.F) * ufl.inv(point.F).T * point.N)[self.axis]
-        return self.pressure * (flux - point.x[self.axis] * point.N[self.axis]) / share
+        flux = x * point.area[self.axis] - point.x[self.axis] * point.N[self.axis]
+        return self.pressure * flux / share
 
 
 def chamber_energies(domain: Domain, port: Port, pressure: Any) -> list[ChamberPressure]:
@@ -70,6 +68,8 @@ def sides(domain: Domain, name: str) -> int:
 
 
 def _between_solids(domain: Domain, name: str) -> bool:
+    if domain.device.kinematics.sheet:
+        return False
     dim, facets = domain.entities(name)
     cells, air = domain.mesh.topology.connectivity(dim, domain.dim), set(domain.air.tolist())
     found = any(len(c) > 1 and not air.intersection(c) for c in map(cells.links, facets))

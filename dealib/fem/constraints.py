@@ -39,6 +39,7 @@ class ConstraintMap:
             that touch no solid.
         field: Index into `FIELDS` of each owned free unknown.
         ports: Global reduced index of each port.
+        free: Local degrees of freedom of the free unknowns, in order.
         owned: Number of reduced unknowns on this rank; the ports are the last of rank 0.
     """
 
@@ -49,13 +50,13 @@ class ConstraintMap:
     field: Ints
     ports: dict[str, int]
     owned: int
-    _free: Ints
+    free: Ints
     _port_of: dict[str, Ints]
 
     def expand(self, q: Any, w: Any) -> None:
         """Set the function w = T q, ghosts included."""
         ports = self.port_values(q)
-        w.x.array[self._free] = q.array_r[: len(self._free)]
+        w.x.array[self.free] = q.array_r[: len(self.free)]
         for name, dofs in self._port_of.items():
             w.x.array[dofs] = ports[name]
         w.x.scatter_forward()
@@ -68,7 +69,7 @@ class ConstraintMap:
             q: The reduced vector.
             ports: Values of ports that no degree of freedom follows.
         """
-        q.array[: len(self._free)] = w.x.array[self._free]
+        q.array[: len(self.free)] = w.x.array[self.free]
         mine = {n: float(w.x.array[d[0]]) for n, d in self._port_of.items() if len(d)}
         for part in self.comm.allgather(mine):
             ports = ports | part
@@ -114,7 +115,8 @@ def build(domain: Domain, spaces: Spaces) -> ConstraintMap:
     names = [port.name for port in device.ports]
 
     kind = np.full(total, _FREE, dtype=np.int32)
-    for support in device.supports:
+    supports = [s for s in device.supports if s.quantity != PHI or not device.kinematics.sheet]
+    for support in supports:
         dofs = _support_dofs(domain, spaces, support)
         target = _FIRST_PORT + names.index(support.port) if support.port else _ZERO
         if support.quantity == PHI:
@@ -128,12 +130,13 @@ def build(domain: Domain, spaces: Spaces) -> ConstraintMap:
     solid, in_air = np.zeros(total, bool), np.zeros(total, bool)
     for region in device.regions:
         where = in_air if region.air else solid
-        for k in range(domain.dim):
+        for k in range(device.kinematics.dim):
             where[_dofs(W, (0, k), domain.dim, domain.cells(region.name))] = True
     for array in (kind, solid, in_air):
         _owners_decide(W, array)
     potential = np.zeros(total, bool)
-    potential[_dofs(W, (1,), domain.dim, domain.all_cells)] = True
+    if not device.kinematics.sheet:
+        potential[_dofs(W, (1,), domain.dim, domain.all_cells)] = True
     mesh_only = in_air & ~solid
 
     free = np.flatnonzero(kind[:owned] == _FREE).astype(np.int32)
@@ -156,7 +159,7 @@ def build(domain: Domain, spaces: Spaces) -> ConstraintMap:
         field=field,
         ports={name: first_port + i for i, name in enumerate(names)},
         owned=count,
-        _free=free,
+        free=free,
         _port_of={
             name: np.flatnonzero(kind[:owned] == _FIRST_PORT + i).astype(np.int32)
             for i, name in enumerate(names)

@@ -51,7 +51,7 @@ class Domain:
     @classmethod
     def from_gmsh(cls, model: Any, comm: MPI.Comm, device: Device) -> Domain:
         """Distribute a meshed Gmsh model from rank 0 (None elsewhere)."""
-        domain = cls(device, *compat.from_gmsh(model, comm, device.kinematics.dim), comm)
+        domain = cls(device, *compat.from_gmsh(model, comm, len(device.kinematics.lies)), comm)
         for dim in (domain.dim - 1, domain.dim):
             domain.mesh.topology.create_connectivity(dim, domain.dim)
         return domain
@@ -67,7 +67,9 @@ class Domain:
 
     def tags(self, name: str) -> list[tuple[int, int]]:
         """Dimensions and tags of the parts of a region or boundary."""
-        return [found for group, found in self.groups.items() if name in group.split(JOIN)]
+        return [
+            found for group, found in self.groups.items() if name in (group, *group.split(JOIN))
+        ]
 
     def entities(self, name: str) -> tuple[int, Ints]:
         """Dimension and local cells or facets of a named region or boundary (ghosts included)."""
@@ -203,9 +205,11 @@ def build_spaces(domain: Domain, order: int, mixed: bool = False) -> Spaces:
     """
     mesh = domain.mesh
     elements = [
-        compat.element(mesh, "Lagrange", order, (domain.dim,)),
+        compat.element(mesh, "Lagrange", order, (domain.device.kinematics.dim,)),
         compat.element(mesh, "Lagrange", order),
     ]
+    if domain.device.kinematics.sheet:  # the potential is constant on each electrode
+        del elements[1]
     pressure = None
     if mixed:
         straight = compat.cell_name(mesh) in ("quadrilateral", "hexahedron")

@@ -29,6 +29,7 @@ class Point:
         F: Deformation gradient from the mesh, (3, 3).
         E: Nominal field -Grad phi, (3,), kV/mm.
         N: Outer normal of a face in the mesh, (3,); None inside.
+        area: Deformed area of a face per area of the mesh, (3,), outwards; None inside.
     """
 
     x: Any
@@ -36,6 +37,7 @@ class Point:
     F: Any
     E: Any
     N: Any = None
+    area: Any = None
 
 
 class Energy(Protocol):

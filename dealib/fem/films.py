@@ -13,10 +13,11 @@ from dealib.config.schema import Config
 from dealib.fem.differential import test_fields
 from dealib.fem.layout import Layout
 from dealib.fem.newton import Newton
-from dealib.fem.problem import Group, Problem
+from dealib.fem.groups import Group
+from dealib.fem.potential import Problem
 from dealib.results import local
 from dealib.results.electrodes import Rings
-from dealib.results.elements import Array
+from dealib.results.elements import Array, gradients
 from dealib.results.margins import Film, layered, mounted_fresh
 from dealib.results.thickness import Columns, edges
 
@@ -31,7 +32,7 @@ class FilmPoints:
         film: Material and reference values.
         group: Regions.
         layout: Where nodal values come from.
-        cells: The cells.
+        cells: Their rows in the layout.
         points: Their Gauss points.
         columns: The same, sorted into columns of the whole layer; None if it is no plane layer.
         comm: MPI communicator.
@@ -74,9 +75,10 @@ class FilmPoints:
         normals: Array | None,
     ) -> FilmPoints:
         config, comm = problem.config, problem.domain.comm
-        cells = problem.domain.owned(problem.domain.cells(*group.regions))
+        cells = layout.owned(layout.rows(group))
         nodes = layout.nodes[cells]
-        points = local.Points.of(problem.kinematics, layout.cell, nodes, layout.cell.gauss)
+        kinematics, cell = problem.kinematics, layout.cell
+        points = local.Points.of(kinematics, material, cell, nodes, cell.gauss)
         frame = None
         if normals is not None:
             frame = local.Frame.of_normals(normals[cells], problem.kinematics.dim == 2)
@@ -150,14 +152,14 @@ def field_normals(newton: Newton, layout: Layout) -> Array:
     """
     problem, nodal = newton.system.problem, None
     k, cell = problem.kinematics, layout.cell
-    points = local.Points.of(k, cell, layout.nodes, cell.gauss)
+    position, dN = gradients(cell, layout.nodes, cell.gauss)
     across = np.eye(3)[k.components.index("Z")]
-    best = np.tile(_FAINT * across, (*points.position.shape[:2], 1))
+    best = np.tile(_FAINT * across, (*position.shape[:2], 1))
     saved = newton.system.q.copy()
     for trial in test_fields(newton):
         newton.system.expand(trial)
         nodal = layout.local()
-        E = k.field(nodal[..., k.dim], points.dN)
+        E = k.field(nodal[..., k.dim], dN)
         size = problem.domain.comm.allreduce(float(np.abs(E).max(initial=0.0)), op=MPI.MAX)
         stronger = np.linalg.norm(E / size, axis=-1) > np.linalg.norm(best, axis=-1)
         best = np.where(stronger[..., None], E / size, best)

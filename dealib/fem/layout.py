@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+from mpi4py import MPI
+
 import numpy as np
 import numpy.typing as npt
 
+from dealib.device.kinematics import SheetKinematics
 from dealib.fem import compat
-from dealib.fem.domain import Domain, Spaces
+from dealib.fem.groups import Group
+from dealib.fem.potential import Problem
 from dealib.results.elements import Cell
 from dealib.results.mesh import ResultMesh
 
@@ -20,32 +24,39 @@ Floats = npt.NDArray[np.float64]
 class Layout:
     """Nodal values by cell on this rank, and the whole mesh on rank 0.
 
-    The columns of nodal values are u by axis, mm, phi, kV, and p, MPa, in the mixed form.
+    The columns of nodal values are u by axis, mm, phi, kV, and p, MPa, in the mixed form. Of a
+    sheet phi is the voltage across the layer.
 
     Attributes:
         cell: Reference cell.
-        nodes: Coordinates of the local cells' nodes (cells, nodes, axes), mm.
+        nodes: Coordinates of the nodes of each row, (rows, nodes, axes), mm. A row is a local
+            cell; of a sheet, a layer on a local cell.
         mesh: The whole mesh, nodes split between regions; None except on rank 0.
     """
 
     cell: Cell
     nodes: Floats
     mesh: ResultMesh | None
-    _spaces: Spaces
+    _problem: Problem
     _comm: Any
     _dofs: tuple[Any, ...]
-    _owned: int
+    _cells: Any  # of each row
+    _groups: Any  # the same, of a sheet
+    _owned: Any
     _order: Any
     _original: Any
     _pressure: tuple[Any, Any] | None  # its dofs by cell, and its basis at the cell's nodes
 
     @classmethod
-    def of(cls, domain: Domain, spaces: Spaces) -> Layout:
+    def of(cls, problem: Problem) -> Layout:
         """Gather the mesh of a device (collective)."""
+        domain, spaces, kinematics = problem.domain, problem.spaces, problem.kinematics
         mesh, W, comm = domain.mesh, spaces.W, domain.mesh.comm
-        name, axes = compat.cell_name(mesh), domain.device.kinematics.dim
+        name, axes = compat.cell_name(mesh), kinematics.dim
         cell = Cell(name, spaces.order)
-        spaces_of = (*(W.sub(0).sub(k) for k in range(axes)), W.sub(1))
+        spaces_of = [W.sub(0).sub(k) for k in range(axes)]
+        if not kinematics.sheet:
+            spaces_of.append(W.sub(1))
         dofs = tuple(compat.cell_dofs(V)[:, cell.basix_order] for V in spaces_of)
         pressure = None
         if spaces.pressure_element is not None:
@@ -53,44 +64,87 @@ class Layout:
             pressure = (compat.cell_dofs(W.sub(2)), basis)
         geometry = compat.cell_nodes(mesh)
         shape = Cell(name, compat.geometry_order(mesh))
-        at = mesh.geometry.x[geometry[:, shape.basix_order]][..., :axes]
+        at = mesh.geometry.x[geometry[:, shape.basix_order]][..., : len(kinematics.lies)]
         nodes = np.asarray(shape.shape(cell.nodes)[0] @ at)
-        owned = compat.local_cells(mesh)
-        original = compat.original_cells(mesh)[:owned]
+        if isinstance(kinematics, SheetKinematics):
+            nodes = kinematics.positions(nodes)
+        rows, groups = _rows(problem)
+        owned = rows < compat.local_cells(mesh)
+        total = comm.allreduce(compat.local_cells(mesh), op=MPI.SUM)
+        original = compat.original_cells(mesh)[rows] + groups * total
         index_map = W.dofmap.index_map
-        numbers = index_map.local_to_global(dofs[-1][:owned].ravel().astype(np.int32))
+        numbers = index_map.local_to_global(dofs[0][rows].ravel().astype(np.int32))
+        regions = {r.name: k for k, r in enumerate(domain.device.regions)}
+        region = domain.region_of_cell if not kinematics.sheet else np.array(
+            [regions[g.regions[0]] for g in problem.groups], dtype=np.int32
+        )[groups]
         parts = comm.gather(
             (
-                original,
-                np.asarray(numbers).reshape(owned, -1),
-                nodes[:owned],
-                domain.region_of_cell[:owned],
+                original[owned],
+                np.asarray(numbers).reshape(len(rows), -1)[owned],
+                nodes[rows][owned],
+                region[owned],
+                groups[owned],
             ),
             root=0,
         )
         order, whole = None, None
         if comm.rank == 0:
-            cells, global_nodes, x, region = (
-                np.concatenate([p[k] for p in parts]) for k in range(4)
+            cells, global_nodes, x, region, split = (
+                np.concatenate([p[k] for p in parts]) for k in range(5)
             )
             order = np.argsort(cells)
-            names = tuple(r.name for r in domain.device.regions)
-            whole = ResultMesh.number(cell, global_nodes[order], x[order], region[order], names)
-        return cls(cell, nodes, whole, spaces, comm, dofs, owned, order, original, pressure)
+            whole = ResultMesh.number(
+                *(cell, global_nodes[order], x[order], region[order], tuple(regions)),
+                split[order] if kinematics.sheet else region[order],
+            )
+        return cls(
+            *(cell, nodes[rows], whole, problem, comm, dofs, rows, groups),
+            *(owned, order, original, pressure),
+        )
+
+    def rows(self, group: Group) -> Any:
+        """Rows of the nodal values of a group of regions, ghosts included."""
+        if group.sheet is None:
+            return self._problem.domain.cells(*group.regions)
+        return np.flatnonzero(self._groups == self._problem.groups.index(group))
+
+    def cells(self, rows: Any) -> Any:
+        """Local cells of rows."""
+        return self._cells[rows]
+
+    def mine(self, whole: Floats) -> Floats:
+        """Values of this rank's rows, ghosts included, from those of the whole mesh."""
+        every = np.sort(np.concatenate(self._comm.allgather(self._original[self._owned])))
+        return np.asarray(whole[np.searchsorted(every, self._original)])
+
+    def owned(self, rows: Any) -> Any:
+        """Those of the rows that this rank owns."""
+        return rows[self._owned[rows]]
 
     @property
     def displacements(self) -> tuple[Any, ...]:
-        """Degrees of freedom of the displacement along each axis, (cells, nodes) each."""
-        return self._dofs[:-1]
+        """Degrees of freedom of the displacement along each axis, (rows, nodes) each."""
+        return tuple(dofs[self._cells] for dofs in self._dofs[: self._problem.kinematics.dim])
 
     def local(self) -> Floats:
-        """Nodal values of the local cells, ghosts included: (cells, nodes, columns)."""
-        w = self._spaces.w.x.array
-        columns = [w[d] for d in self._dofs]
+        """Nodal values of the local cells, ghosts included: (rows, nodes, columns)."""
+        w = self._problem.spaces.w.x.array
+        columns = [w[d[self._cells]] for d in self._dofs]
+        if self._problem.kinematics.sheet:
+            columns.append(np.broadcast_to(self._voltages()[:, None], columns[0].shape))
         if self._pressure is not None:
             dofs, basis = self._pressure
             columns.append(w[dofs] @ basis.T)
         return np.stack(columns, axis=-1)
+
+    def _voltages(self) -> Floats:
+        """Voltage across the layer of each row of a sheet, kV."""
+        found = []
+        for _, sheet in self._problem.sheets:
+            low, high = (self._problem.value(p) if p else 0.0 for p in sheet.between)
+            found.append(0.0 if None in sheet.between else low - high)
+        return np.array(found)[self._groups]
 
     def add_normals(self, normals: Floats) -> None:
         """Take directions across films up into the whole mesh (collective)."""
@@ -113,8 +167,8 @@ class Layout:
         return nodal
 
     def gather_cells(self, values: Floats) -> Floats | None:
-        """Values of the local cells, (cells, ...), for the whole mesh on rank 0."""
-        parts = self._comm.gather(values[: self._owned], root=0)
+        """Values of the local rows, (rows, ...), for the whole mesh on rank 0."""
+        parts = self._comm.gather(values[self._owned], root=0)
         return None if parts is None else np.concatenate(parts)[self._order]
 
     def scatter(self, values: Floats | None) -> None:
@@ -126,11 +180,21 @@ class Layout:
         if self.mesh is not None and values is not None:
             by_cell = values[self.mesh.cells]
         by_cell = self._comm.bcast(by_cell, root=0)
-        w = self._spaces.w
+        w, mine = self._problem.spaces.w, self.mine(by_cell)[self._owned]
+        cells = self._cells[self._owned]
         for k, dofs in enumerate(self._dofs):
-            w.x.array[dofs[: self._owned]] = by_cell[self._original][..., k]
+            w.x.array[dofs[cells]] = mine[..., k]
         if self._pressure is not None:
             dofs, basis = self._pressure
-            fitted = by_cell[self._original][..., -1] @ np.linalg.pinv(basis).T
-            w.x.array[dofs[: self._owned]] = fitted
+            w.x.array[dofs[cells]] = mine[..., -1] @ np.linalg.pinv(basis).T
         w.x.scatter_forward()
+
+
+def _rows(problem: Problem) -> tuple[Any, Any]:
+    """Cell of each row of nodal values, and its group's number: of a sheet a row for each layer."""
+    if not problem.kinematics.sheet:
+        cells = problem.domain.all_cells
+        return cells, np.zeros(len(cells), dtype=np.int64)
+    found = [problem.domain.cells(sheet.area) for _, sheet in problem.sheets]
+    groups = [np.full(len(cells), k) for k, cells in enumerate(found)]
+    return np.concatenate(found), np.concatenate(groups)

@@ -83,7 +83,7 @@ class Probes:
             internal = viscosity.of_cells(s.group, s.cells, s.reference)
         here = Here(
             s.material,
-            s.points.deformation(nodal),
+            s.points.deformation(nodal, internal),
             np.einsum("pn,cna->cpa", s.points.N, nodal[..., :axes]),
             nodal[..., axes] @ s.points.N.T,
             s.points.pressure(nodal),
@@ -101,30 +101,47 @@ class Probes:
         dim, entities = domain.entities(probe.on)
         if dim == domain.dim:
             points, weights = compat.quadrature(domain.mesh, self._problem.degree)
-            return self._over(domain.owned(entities), points, weights)
+            return self._over(domain.owned(entities), points, weights, probe.on)
         return self._on_facets(entities)
 
-    def _group_of(self, cells: Any) -> list[tuple[str, local.RegionMaterial, Any]]:
-        """Cells by group of regions."""
+    def _group_of(
+        self, cells: Any, region: str | None = None
+    ) -> list[tuple[str, local.RegionMaterial, Any]]:
+        """Rows of cells by group of regions; of a sheet those of a region, or of one layer."""
         found = []
         for group in self._problem.groups:
-            mine = np.intersect1d(cells, self._problem.domain.cells(*group.regions))
-            if len(mine):
+            rows = self._layout.rows(group)
+            mine = rows[np.isin(self._layout.cells(rows), cells)]
+            if len(mine) and (region in (None, *group.regions) or not self._sheet):
                 found.append((group.name, self._materials[group.regions[0]], mine))
+        if self._sheet and region is None:
+            found.sort(key=lambda item: not item[1].permittivity)
+            return found[:1]
         return found
 
-    def _over(self, cells: Any, points: Array, weights: Array) -> list[_Spots]:
-        found = []
-        for group, material, mine in self._group_of(cells):
+    @property
+    def _sheet(self) -> bool:
+        return self._problem.kinematics.sheet
+
+    def _over(self, cells: Any, points: Array, weights: Array, on: str) -> list[_Spots]:
+        found, device = [], self._problem.device
+        region = on if any(r.name == on for r in device.regions) else None
+        for group, material, mine in self._group_of(cells, region):
             nodes = self._layout.nodes[mine]
-            at = self._points(nodes, points)
-            jacobian = np.swapaxes(nodes, 1, 2)[:, None] @ self._layout.cell.shape(points)[1]
+            at = self._points(nodes, points, material)
+            mesh = nodes[..., list(self._problem.kinematics.lies)]
+            jacobian = np.swapaxes(mesh, 1, 2)[:, None] @ self._layout.cell.shape(points)[1]
             size = self._problem.kinematics.volumes(at.position) * np.abs(determinant(jacobian))
+            if region is not None and material.thickness:
+                size = size * material.thickness
             found.append(_Spots(mine, points, at, size * weights, material, group))
         return found
 
-    def _points(self, nodes: Array, reference: Array) -> local.Points:
-        return local.Points.of(self._problem.kinematics, self._layout.cell, nodes, reference)
+    def _points(
+        self, nodes: Array, reference: Array, material: local.RegionMaterial
+    ) -> local.Points:
+        kinematics, cell = self._problem.kinematics, self._layout.cell
+        return local.Points.of(kinematics, material, cell, nodes, reference)
 
     def _on_facets(self, facets: Any) -> list[_Spots]:
         """Quadrature points on facets, each on one of its sides: a dielectric if there is one."""
@@ -152,7 +169,7 @@ class Probes:
             )
             for group, material, mine in self._group_of(np.array(cells)):
                 nodes = self._layout.nodes[mine]
-                at = self._points(nodes, points)
+                at = self._points(nodes, points, material)
                 jacobian = np.swapaxes(nodes, 1, 2)[:, None] @ cell.shape(points)[1]
                 size = _area(jacobian @ tangents.T) * self._problem.kinematics.volumes(at.position)
                 found.append(_Spots(mine, points, at, size * weights, material, group))
@@ -161,16 +178,17 @@ class Probes:
     def _at(self, name: str, x: Array) -> list[_Spots]:
         """The cell that holds a point: of the lowest rank that has one (collective)."""
         domain, layout = self._problem.domain, self._layout
-        mine = domain.owned(domain.all_cells)
-        nodes = layout.nodes[mine]
-        slack = 1e-6 * domain.sizes.thickness
+        lies = list(self._problem.kinematics.lies)
+        rows = layout.owned(np.arange(len(layout.nodes)))
+        nodes = layout.nodes[rows][..., lies]
+        slack, x = 1e-6 * domain.sizes.thickness, x[lies]
         near = ((nodes.min(1) - slack <= x) & (x <= nodes.max(1) + slack)).all(axis=1)
         solids = set(domain.solids.tolist())
         inside = []
-        for c in sorted(mine[near], key=lambda c: (c not in solids, c)):
-            reference = _inverse(layout.cell, layout.nodes[c], x)
+        for row in sorted(rows[near], key=lambda r: (layout.cells(r) not in solids, r)):
+            reference = _inverse(layout.cell, layout.nodes[row][..., lies], x)
             if reference is not None:
-                inside.append((c, reference))
+                inside.append((int(layout.cells(row)), reference))
         ranks = domain.comm.allgather(bool(inside))
         if not any(ranks):
             at = ", ".join(f"{v:g}" for v in x)
@@ -179,7 +197,7 @@ class Probes:
             return []
         cell, reference = inside[0]
         (group, material, cells), *_ = self._group_of(np.array([cell]))
-        points = self._points(layout.nodes[cells], reference[None])
+        points = self._points(layout.nodes[cells], reference[None], material)
         return [_Spots(cells, reference[None], points, np.ones((1, 1)), material, group)]
 
 

@@ -52,9 +52,12 @@ class FilmState:
     """
 
     def __init__(self, points: FilmPoints, viscosity: Viscosity | None) -> None:
-        self.points, self.film, self._viscosity = points, points.film, viscosity
+        self.points, self.film = points, points.film
         self._nodal = points.nodal()
-        self.k: local.Deformation = points.points.deformation(self._nodal)
+        self._internal = None
+        if viscosity is not None:
+            self._internal = viscosity.of_cells(points.group.name, points.cells)
+        self.k: local.Deformation = points.points.deformation(self._nodal, self._internal)
 
     @cached_property
     def total(self) -> Array:
@@ -69,10 +72,7 @@ class FilmState:
     @cached_property
     def tensions(self) -> Array:
         """In-plane true stresses, averaged through the thickness of a layer (collective)."""
-        internal = None
-        if self._viscosity is not None:
-            internal = self._viscosity.of_cells(self.points.group.name, self.points.cells)
-        return self.points.tensions(self.k, self._nodal, internal)
+        return self.points.tensions(self.k, self._nodal, self._internal)
 
     @property
     def thickness_stretch(self) -> Array:

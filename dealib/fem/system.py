@@ -68,6 +68,9 @@ class PortLaw:
         return internal - self.balance(values[name])[0] + weighted
 
 
+_CHUNK = 10_000  # nodes whose neighbours are counted at a time
+
+
 class Timings(defaultdict[str, float]):
     """Seconds by phase."""
 
@@ -109,6 +112,7 @@ class System:
             assembled = [name for part in self._parts for name in part[:2]]
             for port in problem.values:
                 assembled += [f"dual {port}", f"column {port}"]
+                assembled += [f"corner {port} {other}" for other in problem.values]
             for name in ("elastic", "electric", *assembled):
                 problem.form(name)
             self._local = compat.create_vector(problem.spaces.W, self.map.comm)
@@ -137,6 +141,7 @@ class System:
         self.map.expand(q, self.problem.spaces.w)
         if self.problem.values:
             self.problem.set_values(self.map.port_values(q))
+        self.problem.settle()
 
     def _add_vector(self, out: Any, form: str, rows: Any) -> None:
         """Assemble a linear form into reduced rows."""
@@ -236,6 +241,9 @@ class System:
         values, add = column.array_r[mine], PETSc.InsertMode.ADD_VALUES
         matrix.setValues(rows, index, values, addv=add)
         matrix.setValues(index, rows, values, addv=add)
+        for other in self.problem.values:
+            if self.problem.form(f"corner {port} {other}") is not None:
+                self._add(matrix, port, [(other, self.problem.integrate(f"corner {port} {other}"))])
         matrix.assemblyBegin(PETSc.Mat.AssemblyType.FLUSH)
         matrix.assemblyEnd(PETSc.Mat.AssemblyType.FLUSH)
 
@@ -272,10 +280,38 @@ class System:
         A row that outgrows its bound makes PETSc copy the whole matrix, again and again.
         """
         owned, ports = self.map.owned, len(self.map.ports)
-        many = {2: (48, 96), 3: (120, 600)}[self.problem.domain.dim]
-        here = np.full(owned, many[self.problem.spaces.order - 1], dtype=np.int32)
+        here = np.full(owned, 16, dtype=np.int32)
+        if self.problem.domain.dim == 2:
+            here[:] = 96 if self.problem.spaces.order == 2 else 48
+        elif self.problem.domain.dim == 3:
+            counted = self._neighbours()[self.map.free]
+            here[: len(counted)] = counted
+        here += ports
         elsewhere = here.copy()
         if self.map.comm.rank == 0:
-            here[-ports:] = owned
-            elsewhere[-ports:] = self.q.size - owned
+            here[owned - ports :] = owned
+            elsewhere[owned - ports :] = self.q.size - owned
         return np.minimum(here, owned), np.minimum(elsewhere, self.q.size - owned)
+
+    def _neighbours(self) -> Any:
+        """Number of degrees of freedom that share a cell with each local one."""
+        from scipy.sparse import csr_matrix
+
+        W, dim = self.problem.spaces.W, self.problem.kinematics.dim
+        every = compat.cell_dofs(W)
+        parts = [compat.cell_dofs(W.sub(0).sub(k)) for k in range(dim)]
+        parts += [compat.cell_dofs(W.sub(1))] if not self.problem.kinematics.sheet else []
+        first, cells = parts[0], np.arange(len(every)).repeat(parts[0].shape[1])
+        nodes, index = np.unique(first, return_inverse=True)
+        ones = np.ones(index.size, dtype=np.int8)
+        shared = csr_matrix((ones, (index.ravel(), cells)), (len(nodes), len(every)))
+        counts = np.empty(len(nodes), dtype=np.int32)
+        for k in range(0, len(nodes), _CHUNK):
+            counts[k : k + _CHUNK] = np.diff((shared[k : k + _CHUNK] @ shared.T).indptr)
+        mine = np.diff(shared.indptr)  # cells, each with its own pressures
+        pressures = every.shape[1] - sum(part.shape[1] for part in parts)
+        bound = counts * len(parts) + mine * pressures
+        found = np.full(int(every.max()) + 1, every.shape[1], dtype=np.int32)
+        for part in parts:
+            found[part.ravel()] = bound[index.ravel()]
+        return found

@@ -26,7 +26,7 @@ class _Part:
     """The branches of one kind of region on this rank, ghosts included.
 
     Attributes:
-        cells: Local cells.
+        cells: Rows in the layout, ghosts included.
         points: Their quadrature points.
         branches: The branches.
         fresh: Whether they carry the pre-stretch at the start.
@@ -35,6 +35,7 @@ class _Part:
         C: Isochoric metric at the last converged state, (cells, points, 4).
         internal: C_i there, (branches, cells, points, 4).
         terms: History and weight of the step, for each branch.
+        first: Where its values begin among those of a quadrature point.
     """
 
     fresh = False
@@ -46,8 +47,10 @@ class _Part:
         branches: tuple[Branch, ...],
         volume: Array,
         prestretch: Any,
+        first: int,
     ) -> None:
         self.cells, self.points, self.volume, self.prestretch = cells, points, volume, prestretch
+        self.first = first
         self.branches = branches
         self.C = np.tile(evolution.IDENTITY, (*volume.shape, 1))
         self.internal = np.tile(self.C, (len(branches), 1, 1, 1))
@@ -122,20 +125,27 @@ class Viscosity:
         self._problem, self._layout = problem, layout
         self._mesh, self._terms = problem.domain.mesh, problem.terms
         self._points, weights = compat.quadrature(self._mesh, problem.degree)
-        every = problem.domain.all_cells
-        volume = np.zeros((len(every), len(weights)))
-        owned = slice(compat.local_cells(self._mesh))
-        volume[owned] = _volumes(problem, layout.nodes[owned], layout.cell, self._points, weights)
+        self._count = max(len(m.branches) for m in problem.config.solids.values())
+        materials = local.region_materials(problem.config)
         self._parts: dict[str, _Part] = {}
         for group in problem.groups:
             material = problem.config.materials.get(group.material)
             if material is None or not material.branches:
                 continue
-            cells = problem.domain.cells(*group.regions)
+            rows = layout.rows(group)
+            nodes = layout.nodes[rows]
+            volume = _volumes(problem, nodes, layout.cell, self._points, weights)
+            volume *= 1.0 if group.sheet is None else group.sheet.thickness
+            volume[~np.isin(rows, layout.owned(rows))] = 0  # ghosts
             points = local.Points.of(
-                problem.kinematics, layout.cell, layout.nodes[cells], self._points
+                problem.kinematics,
+                materials[group.regions[0]],
+                layout.cell,
+                nodes,
+                self._points,
             )
-            part = _Part(cells, points, material.branches, volume[cells], group.prestretch)
+            first = group.slot * self._count * SIZE
+            part = _Part(rows, points, material.branches, volume, group.prestretch, first)
             self._parts[group.name] = part
             if material.mounted == "fresh":
                 part.fresh = True
@@ -165,7 +175,8 @@ class Viscosity:
         values = self._terms.x.array.reshape(-1, size)
         packed = part.begin(duration)
         count = packed.shape[2] * SIZE
-        values[dofs[part.cells], :count] = packed.reshape(*packed.shape[:2], count)
+        at = slice(part.first, part.first + count)
+        values[dofs[self._layout.cells(part.cells)], at] = packed.reshape(*packed.shape[:2], count)
 
     def error(self) -> float:
         """Error of the branches' strain in the step just solved, of the order of its square.
@@ -263,7 +274,7 @@ class Viscosity:
             whole = np.empty((len(mesh.cells), *gathered.shape[1:]))
             whole[local.branch_cells(self._problem.config, mesh)] = gathered
         whole = self._mesh.comm.bcast(whole, root=0)
-        mine = whole[compat.original_cells(self._mesh)]
+        mine = self._layout.mine(whole)
         for part, C in self._metrics():
             kept = mine[part.cells][:, :, : len(part.branches)]
             part.C, part.internal = C, np.moveaxis(kept, 2, 0).copy()
@@ -275,11 +286,16 @@ class Viscosity:
         """Each part with the isochoric metric of the current state."""
         nodal = self._layout.local()
         for part in self._parts.values():
-            F = part.points.deformation(nodal[part.cells]).F
+            F = self._deformation(part, nodal[part.cells])
             yield (
                 part,
                 evolution.isochoric(F if part.prestretch is None else F * part.prestretch.value),
             )
+
+    def _deformation(self, part: _Part, nodal: Array) -> Array:
+        """Deformation gradients from the mesh; of sheets with the solver's thickness stretch."""
+        F = part.points.deformation(nodal, np.moveaxis(part.internal, 0, 2)).F
+        return F
 
     def _reached(self) -> list[tuple[_Part, Array, Array]]:
         """Each part with its metric and C_i at the current state, found once a step."""
@@ -292,9 +308,8 @@ class Viscosity:
 
 
 def _volumes(problem: Problem, nodes: Array, cell: Cell, points: Array, weights: Array) -> Array:
-    """Volume of the device at the points of cells, (cells, points), mm^3."""
+    """Size of the device's mesh at the points of cells, (cells, points)."""
     N, dN = cell.shape(points)
-    jacobian = np.swapaxes(nodes, 1, 2)[:, None] @ dN
-    return np.asarray(
-        problem.kinematics.volumes(N @ nodes) * np.abs(determinant(jacobian)) * weights
-    )
+    mesh = nodes[..., list(problem.kinematics.lies)]
+    size = np.abs(determinant(np.swapaxes(mesh, 1, 2)[:, None] @ dN))
+    return np.asarray(problem.kinematics.volumes(N @ nodes) * size * weights)

@@ -50,7 +50,7 @@ class Engine:
         self.config, self.comm, self.timings = config, comm, Timings()
         start = time.perf_counter()
         self.problem = build_problem(config, comm, mesh_file)
-        self.layout = Layout.of(self.problem.domain, self.problem.spaces)
+        self.layout = Layout.of(self.problem)
         self.timings["mesh"] += time.perf_counter() - start
         self.viscosity = Viscosity(self.problem, self.layout) if self.problem.branches else None
         pairs = [s.follow.pair for s in config.program if s.follow is not None]

@@ -35,7 +35,7 @@ class Fields:
             _Part(
                 material,
                 mesh.cells[cells],
-                local.Points.of(kinematics, mesh.cell, mesh.nodes[cells], mesh.cell.gauss),
+                local.Points.of(kinematics, material, mesh.cell, mesh.nodes[cells], mesh.cell.gauss),
                 Average(mesh, cells),
                 np.searchsorted(viscous, cells),
             )
@@ -76,7 +76,9 @@ class Fields:
 
     def _of(self, part: _Part, nodal: Array, internal: Array | None) -> dict[str, Array]:
         """Values at the nodes of each cell of one material."""
-        material, k = part.material, part.points.deformation(nodal)
+        material = part.material
+        mine = internal[part.viscous] if internal is not None and material.branches else None
+        k = part.points.deformation(nodal, mine)
         found = {"J": self._at_nodes(k.J)}
         if material.permittivity:
             eps = self._at_nodes(np.broadcast_to(material.permittivity_at(k), k.J.shape))
@@ -87,7 +89,6 @@ class Fields:
                 more = material.electric_stress(k) - local.maxwell(material.permittivity_at(k), k.e)
                 found["maxwell_stress"] += self._at_nodes(more)
         if material.law is not None:
-            mine = None if internal is None else internal[part.viscous]
             S = material.elastic_stress(k, part.points.pressure(nodal), mine)
             found["second_pk_stress"] = self._at_nodes(S)
             found["cauchy_stress"] = self._at_nodes(local.cauchy(k.F, S))

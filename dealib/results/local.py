@@ -5,13 +5,13 @@ Tensors have the components of the device's kinematics.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from dealib.config.schema import Config
-from dealib.device.kinematics import Kinematics
+from dealib.device.kinematics import Kinematics, SheetKinematics
 from dealib.materials import Invariants, Law, thickness_stretch
 from dealib.materials.branches import Branch
 from dealib.materials.evolution import inverted, unpack
@@ -35,42 +35,6 @@ class Deformation:
     J: Array
     inverse: Array
     e: Array
-
-
-@dataclass(frozen=True)
-class Points:
-    """Points of cells, with what does not change while the body deforms.
-
-    Attributes:
-        kinematics: The space.
-        position: In the mesh, (cells, points, axes), mm.
-        N: Shape functions (points, nodes).
-        dN: Their gradients (cells, points, nodes, axes).
-    """
-
-    kinematics: Kinematics
-    position: Array
-    N: Array
-    dN: Array
-
-    @classmethod
-    def of(cls, kinematics: Kinematics, cell: Cell, nodes: Array, points: Array) -> Points:
-        """Reference points (points, dim) in cells of given nodes (cells, nodes, axes)."""
-        position, dN = gradients(cell, nodes, points)
-        return cls(kinematics, position, cell.shape(points)[0], dN)
-
-    def deformation(self, nodal: Array) -> Deformation:
-        """Deformation and field from nodal values (cells, nodes, columns)."""
-        k, n = self.kinematics, self.kinematics.dim
-        F = k.deformation(nodal[..., :n], self.N, self.dN, self.position)
-        E = k.field(nodal[..., n], self.dN)
-        inner = inverse(F)
-        return Deformation(F, determinant(F), inner, np.einsum("...ji,...j", inner, E))
-
-    def pressure(self, nodal: Array) -> Array | None:
-        """The mixed form's p at the points, if there is one."""
-        last = self.kinematics.dim + 1
-        return nodal[..., last] @ self.N.T if nodal.shape[-1] > last else None
 
 
 def second_pk(
@@ -203,6 +167,7 @@ class RegionMaterial:
         slope: Change of eps a unit of area stretch, N/kV^2.
         branches: Its Maxwell branches.
         normal: Component across the layer.
+        thickness: Of a sheet's layer as mounted, mm; 0 for a solid.
     """
 
     law: Law | None
@@ -211,6 +176,7 @@ class RegionMaterial:
     slope: float = 0.0
     branches: tuple[Branch, ...] = ()
     normal: int = 1
+    thickness: float = 0.0
 
     @property
     def plane(self) -> tuple[int, int]:
@@ -271,16 +237,120 @@ class RegionMaterial:
         return S
 
 
+@dataclass(frozen=True)
+class Points:
+    """Points of cells of one material, with what does not change while the body deforms.
+
+    Attributes:
+        kinematics: The space.
+        material: What the cells are made of.
+        position: In the mesh, (cells, points, axes), mm.
+        N: Shape functions (points, nodes).
+        dN: Their gradients (cells, points, nodes, coordinates of the mesh).
+    """
+
+    kinematics: Kinematics
+    material: RegionMaterial
+    position: Array
+    N: Array
+    dN: Array
+
+    @classmethod
+    def of(
+        cls,
+        kinematics: Kinematics,
+        material: RegionMaterial,
+        cell: Cell,
+        nodes: Array,
+        points: Array,
+    ) -> Points:
+        """Reference points (points, dim) in cells of given nodes (cells, nodes, axes)."""
+        mesh = nodes[..., list(kinematics.lies)]
+        N, dN = cell.shape(points)[0], gradients(cell, mesh, points)[1]
+        return cls(kinematics, material, N @ nodes, N, dN)
+
+    def deformation(self, nodal: Array, internal: Array | None = None) -> Deformation:
+        """Deformation and field from nodal values (cells, nodes, columns).
+
+        Args:
+            nodal: Displacements by axis and potential; of sheets the voltage across the layer.
+            internal: C_i of Maxwell branches of a sheet, (cells, points, branches, 4).
+        """
+        k, n = self.kinematics, self.kinematics.dim
+        u = nodal[..., :n]
+        if isinstance(k, SheetKinematics):
+            F = k.sheet_deformation(u, self.N, self.dN, self.position)
+            E = np.zeros(F.shape[:-1])
+            E[..., k.normal] = nodal[..., :1, n] / self.material.thickness
+            F[..., k.normal] *= thickness_stretches(self.material, F, E, internal)[..., None]
+        else:
+            F = k.deformation(u, self.N, self.dN, self.position)
+            E = k.field(nodal[..., n], self.dN)
+        inner = inverse(F)
+        return Deformation(F, determinant(F), inner, np.einsum("...ji,...j", inner, E))
+
+    def pressure(self, nodal: Array) -> Array | None:
+        """The mixed form's p at the points, if there is one."""
+        last = self.kinematics.dim + 1
+        return nodal[..., last] @ self.N.T if nodal.shape[-1] > last else None
+
+
+def thickness_stretches(
+    material: RegionMaterial, F: Array, E: Array, internal: Array | None
+) -> Array:
+    """Stretches of a layer at which its total stress across vanishes, shape F.shape[:-2].
+
+    Args:
+        material: The layer's.
+        F: Deformation gradient, its column across the layer being the unit normal.
+        E: Nominal field, across.
+        internal: C_i of Maxwell branches.
+    """
+    normal = material.normal
+    square = E[..., normal] ** 2
+
+    def stress(log: Array) -> Array:
+        """Total true stress across at ln s."""
+        s = np.exp(log)
+        moved = F.copy()
+        moved[..., normal] *= s[..., None]
+        k = Deformation(moved, determinant(moved), moved, moved)
+        S = material.elastic_stress(k, None, internal)
+        eps = material.permittivity
+        if material.slope:
+            k = Deformation(moved, k.J, inverse(moved), moved)
+            eps = material.permittivity_at(k)
+        return np.asarray(s * s * S[..., normal, normal] / k.J + eps / 2 * square / s**2)
+
+    log = -np.log(determinant(F))
+    for _ in range(_MOST):
+        here, h = stress(log), 1e-5
+        slope = (stress(log + h) - stress(log - h)) / (2 * h)
+        step = np.clip(here / slope, -0.5, 0.5)
+        log = log - step
+        if np.abs(step).max(initial=0.0) < 1e-12:
+            break
+    return np.asarray(np.exp(log))
+
+
+_MOST = 40  # steps of Newton's method for a thickness stretch
+
+
 def region_materials(config: Config) -> dict[str, RegionMaterial]:
     """Materials of all regions; regions of one material and direction share theirs."""
     found: dict[str, RegionMaterial] = {}
-    known: dict[tuple[str | None, float | None, int | None], RegionMaterial] = {}
-    across = config.device.kinematics.components.index("Z")
-    for region in config.device.regions:
-        key = (region.material, region.permittivity, region.normal)
+    known: dict[Any, RegionMaterial] = {}
+    device = config.device
+    across, layers = device.kinematics.components.index("Z"), {}
+    if device.kinematics.sheet and device.laminate is not None:
+        layers = {layer.name: layer.thickness for layer in device.laminate.layers}
+    for region in device.regions:
+        thickness = layers.get(region.name, 0.0)
+        key = (region.material, region.permittivity, region.normal, thickness)
         if key not in known:
             normal = across if region.normal is None else region.normal
-            known[key] = _material(config, region.material, region.permittivity, normal)
+            made = _material(config, region.material, region.permittivity, normal)
+            known[key] = replace(made, thickness=thickness)
         found[region.name] = known[key]
     return found
 
@@ -292,21 +362,18 @@ def _material(
         assert permittivity is not None
         return RegionMaterial(None, EPSILON_0 * permittivity, normal=normal)
     material = config.materials[name]
+    conducts = config.conducts(name)
     mounted = None
-    if not config.conducts(name) or material.prestretch != (1.0, 1.0):
+    if not conducts or material.prestretch != (1.0, 1.0):
         a, b = material.prestretch
         mounted = np.insert(np.array([a, b]), normal, thickness_stretch(material, a, b))
-    if config.conducts(name):
-        return RegionMaterial(material, 0.0, mounted, 0.0, material.branches, normal)
+    intercept, slope = (0.0, 0.0) if conducts else _permittivity(material)
+    return RegionMaterial(material, intercept, mounted, slope, material.branches, normal)
+
+
+def _permittivity(material: Any) -> tuple[float, float]:
     eps = material.permittivity
-    return RegionMaterial(
-        material,
-        EPSILON_0 * eps.intercept,
-        mounted,
-        EPSILON_0 * eps.slope,
-        material.branches,
-        normal,
-    )
+    return EPSILON_0 * eps.intercept, EPSILON_0 * eps.slope
 
 
 def film_groups(config: Config) -> dict[str, tuple[RegionMaterial, tuple[str, ...]]]:

@@ -230,11 +230,12 @@ def fields(
             frame = local.Frame.of_normals(mesh.normals[cells], plane)
         film = Film.of(material, mounted_fresh(config, regions[0]), frame)
         nodes, nodal = mesh.nodes[cells], state[mesh.cells[cells]]
-        points = local.Points.of(config.device.kinematics, mesh.cell, nodes, mesh.cell.gauss)
-        k = points.deformation(nodal)
-        mine = internal
-        if mine is not None and material.branches:
-            mine = mine[np.searchsorted(viscous, cells)]
+        kinematics, cell = config.device.kinematics, mesh.cell
+        points = local.Points.of(kinematics, material, cell, nodes, cell.gauss)
+        mine = None
+        if internal is not None and material.branches:
+            mine = internal[np.searchsorted(viscous, cells)]
+        k = points.deformation(nodal, mine)
         tensions = film.tensions(k, points.pressure(nodal), mine)
         averaged = tensions
         if layered(config, regions):
@@ -273,4 +274,5 @@ def mounted_fresh(config: Config, region: str) -> bool:
 def layered(config: Config, regions: tuple[str, ...]) -> bool:
     """Whether regions are layers in a plane, over whose thickness stresses are averaged."""
     device = config.device
-    return device.kinematics.dim == 2 and device.region(regions[0]).normal is not None
+    solid = device.kinematics.dim == 2 and not device.kinematics.sheet
+    return solid and device.region(regions[0]).normal is not None

@@ -37,7 +37,13 @@ class ResultMesh:
 
     @classmethod
     def number(
-        cls, cell: Cell, shared: Any, nodes: Array, region: Any, names: tuple[str, ...]
+        cls,
+        cell: Cell,
+        shared: Any,
+        nodes: Array,
+        region: Any,
+        names: tuple[str, ...],
+        split: Any = None,
     ) -> ResultMesh:
         """Number the nodes by first appearance, once a region.
 
@@ -47,8 +53,10 @@ class ResultMesh:
             nodes: Coordinates of each cell's nodes, (cells, nodes, axes).
             region: Region id of each cell.
             names: Region names by id.
+            split: Numbers of cells that share nodes only among each other; default the region's.
         """
-        key = shared * len(names) + region[:, None]
+        split = region if split is None else split
+        key = shared * (int(split.max()) + 1) + split[:, None]
         _, first, inverse = np.unique(key.ravel(), return_index=True, return_inverse=True)
         rank = np.empty(len(first), dtype=np.int64)
         rank[np.argsort(first)] = np.arange(len(first))

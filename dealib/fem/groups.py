@@ -1,0 +1,162 @@
+"""Regions that share their energies, and the layers of sheets."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from dealib.config.schema import Config
+from dealib.device.device import Device
+from dealib.device.laminate import JOIN, Laminate, Layer
+from dealib.device.records import PHI, Region
+from dealib.errors import ConfigError
+from dealib.fem.domain import Domain
+from dealib.fem.energies import constant
+
+
+@dataclass
+class Group:
+    """Regions of one material and direction, which share their energies.
+
+    Of a sheet it is one layer on one part of the base, with a point of its own.
+
+    Attributes:
+        name: Of its material and direction, or of its region.
+        material: Key of `materials`; empty for air and rigid blocks.
+        regions: Names.
+        normal: Component across the layer.
+        prestretch: Constant: stretches along the components; None where there is no pre-stretch.
+        sheet: What it has as a layer of a sheet; None for a solid.
+        slot: Number of the layer on its part of the base, for what the layers have each.
+    """
+
+    name: str
+    material: str
+    regions: tuple[str, ...]
+    normal: int
+    prestretch: Any = None
+    sheet: Sheet | None = None
+    slot: int = 0
+
+
+@dataclass
+class Sheet:
+    """A layer on a part of the base of a sheet.
+
+    Attributes:
+        area: Name of the part in the mesh.
+        thickness: As mounted, mm.
+        between: Terminals below and above; '' for ground; None where there is no electrode.
+        stretch: Thickness stretch since mounting, a function at the quadrature points.
+        point: A point of the layer, whose thickness stretch is the variable `across`.
+        across: UFL variable of `stretch`.
+        update: Compiled step of Newton's method for the stretch.
+    """
+
+    area: str
+    thickness: float
+    between: tuple[str | None, str | None]
+    stretch: Any = None
+    point: Any = None
+    across: Any = None
+    update: Any = None
+
+
+def solid_groups(config: Config, domain: Domain) -> tuple[Group, ...]:
+    """Regions by material and direction, in the order of the device; dielectrics first."""
+    found: dict[str, list[Region]] = {}
+    for region in domain.device.regions:
+        if not domain.has(region.name):
+            continue
+        if region.material is None:
+            name = "air" if region.air else f"rigid {region.permittivity:g}"
+        else:
+            name = region.material
+            others = found.get(name, [])
+            if others and others[0].normal != region.normal:
+                name = f"{name} across {region.normal}"
+        found.setdefault(name, []).append(region)
+    groups = []
+    for name, regions in found.items():
+        normal = regions[0].normal
+        if normal is None:  # no layer: what is pre-stretched is so across Z
+            normal = domain.device.kinematics.components.index("Z")
+        stretched = None
+        if (key := regions[0].material) is not None:
+            material = config.materials[key]
+            if not config.conducts(key) or material.prestretch != (1.0, 1.0):
+                stretched = constant(domain.mesh, [1.0, 1.0, 1.0])
+        key = key or ""
+        groups.append(Group(name, key, tuple(r.name for r in regions), normal, stretched))
+
+    def rank(group: Group) -> int:
+        return int(config.conducts(group.material)) if group.material else 2
+
+    return tuple(sorted(groups, key=rank))
+
+
+def sheet_groups(config: Config, domain: Domain) -> tuple[Group, ...]:
+    """A group for each layer on each part of the base."""
+    laminate, found = domain.device.laminate, []
+    assert laminate is not None
+    shared: dict[str, Any] = {}
+    for k, area in enumerate(areas(domain)):
+        names = area.split(JOIN)
+        for layer in laminate.layers:
+            if layer.name not in names:
+                continue
+            between = _between(domain.device, laminate, layer, names)
+            if layer.conducts:
+                between = (None, None)
+            if layer.material not in shared:
+                shared[layer.material] = constant(domain.mesh, [1.0, 1.0, 1.0])
+            found.append(
+                Group(
+                    f"{layer.name} {k}",
+                    layer.material,
+                    (layer.name,),
+                    laminate.normal,
+                    shared[layer.material],
+                    Sheet(area, layer.thickness, between),
+                    laminate.layers.index(layer),
+                )
+            )
+    return tuple(found)
+
+
+def areas(domain: Domain) -> list[str]:
+    """Parts of the base by their names in the mesh."""
+    return [name for name, (dim, _) in domain.groups.items() if dim == domain.dim]
+
+
+def _between(
+    device: Device, laminate: Laminate, layer: Layer, names: list[str]
+) -> tuple[str | None, str | None]:
+    """Terminals below and above a layer on a part of the base with these names."""
+    port_of = {s.where: s.port for s in device.supports if s.quantity == PHI}
+    here = [x for x in laminate.layers if x.name in names]
+    k = here.index(layer)
+    found: list[str | None] = []
+    for side, beside in (("bottom", k - 1), ("top", k + 1)):
+        neighbour = here[beside] if 0 <= beside < len(here) else None
+        face = laminate.face.format(layer=layer.name, side=side)
+        on = [face, *(p for p, (of, _) in laminate.patches.items() if of == face and p in names)]
+        if neighbour is not None:
+            other = laminate.face.format(
+                layer=neighbour.name, side="top" if side == "bottom" else "bottom"
+            )
+            on += [other, *([neighbour.name] if neighbour.conducts else [])]
+            on += [p for p, (of, _) in laminate.patches.items() if of == other and p in names]
+        found.append(next((port_of[name] for name in on if name in port_of), None))
+    if None in found and found != [None, None] and _floats(here, k, found):
+        raise ConfigError(
+            f"physics.model: membrane needs an electrode on both sides of the layer "
+            f"{layer.name!r}; give its inner face a terminal, or solve it as a solid"
+        )
+    return found[0], found[1]
+
+
+def _floats(here: list[Layer], k: int, found: list[str | None]) -> bool:
+    """Whether the side without an electrode touches another dielectric."""
+    beside = k - 1 if found[0] is None else k + 1
+    return 0 <= beside < len(here) and not here[beside].conducts

@@ -1,0 +1,388 @@
+"""The total potential: energies on regions and faces, and the forms made of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import Any
+
+from mpi4py import MPI
+
+import numpy as np
+import ufl
+from dolfinx import fem
+
+from dealib.config.schema import Config
+from dealib.device.device import Device
+from dealib.device.kinematics import Kinematics
+from dealib.device.records import CHAMBER, Region
+from dealib.fem import compat
+from dealib.fem.branches import maxwell_branches, step_terms
+from dealib.fem.chambers import chamber_energies, sides
+from dealib.fem.constraints import ConstraintMap, build
+from dealib.fem.couplings import COUPLINGS, Coupling
+from dealib.fem.domain import Domain, Spaces, build_domain, build_spaces
+from dealib.fem.energies import (
+    Energy,
+    Hyperelastic,
+    IdealDielectric,
+    MeshElasticity,
+    MixedHyperelastic,
+    Point,
+    StretchedDielectric,
+    constant,
+    in_plane,
+    parameters,
+)
+from dealib.materials import thickness_stretch
+from dealib.units import EPSILON_0
+
+
+@dataclass
+class Problem:
+    """Everything that is fixed during a run.
+
+    Attributes:
+        config: The config.
+        domain: Mesh and names.
+        spaces: Spaces and current state.
+        constraints: Map to the reduced unknowns.
+        groups: Regions that share energies.
+        elastic: Elastic energies.
+        electric: Electric energies.
+        loads: Energies of ports that no degree of freedom follows, with the port's name.
+        values: Values of these ports, as constants.
+        mesh_motion: Fictitious energies that only move the air's mesh.
+        coupling: How the electric field loads the body.
+        locking: Constant: the share of a law's extensibility that `locked` asks for.
+        branches: Potentials of the Maxwell branches over a time step.
+        terms: What they depend on besides the deformation (`Viscosity` sets it); None without.
+    """
+
+    config: Config
+    domain: Domain
+    spaces: Spaces
+    constraints: ConstraintMap
+    groups: tuple[Group, ...]
+    elastic: list[Energy]
+    electric: list[Energy]
+    loads: list[tuple[str, Energy]]
+    values: dict[str, Any]
+    mesh_motion: list[Energy]
+    coupling: Coupling
+    locking: Any
+    branches: list[Energy] = field(default_factory=list)
+    terms: Any = None
+    _forms: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def device(self) -> Device:
+        """The device."""
+        return self.domain.device
+
+    @property
+    def kinematics(self) -> Kinematics:
+        """Its space."""
+        return self.device.kinematics
+
+    @property
+    def degree(self) -> int:
+        """Quadrature degree (see `quadrature_degree`)."""
+        return quadrature_degree(self.spaces.order)
+
+    @property
+    def state(self) -> Any:
+        """Function of the current state."""
+        return self.spaces.w
+
+    @property
+    def body(self) -> list[Energy]:
+        """Energies of the solids."""
+        return self.elastic + self.branches
+
+    @property
+    def symmetric(self) -> bool:
+        """Whether the tangent is: one potential, and no air, whose mesh moves one-way."""
+        return self.coupling.symmetric and not self.mesh_motion
+
+    @property
+    def sheets(self) -> list[tuple[Group, Sheet]]:
+        """The layers of a sheet."""
+        return [(group, group.sheet) for group in self.groups if group.sheet is not None]
+
+    def point_of(self, group: str) -> Point:
+        """A point of a group of regions."""
+        sheet = self._group(group).sheet
+        return self.point if sheet is None else sheet.point
+
+    def _group(self, name: str) -> Group:
+        return next(g for g in self.groups if g.name == name)
+
+    @cached_property
+    def point(self) -> Point:
+        """A point of the current state inside the body."""
+        u, phi = ufl.split(self.spaces.w)[:2]
+        x, k = ufl.SpatialCoordinate(self.domain.mesh), self.kinematics
+        return Point(x, u, k.deformation_gradient(u, x), k.nominal_field(phi))
+
+    @cached_property
+    def face(self) -> Point:
+        """A point of the current state on a face, its normal out of the cell."""
+        N = self.kinematics.vector(ufl.FacetNormal(self.domain.mesh))
+        p = self.point
+        return Point(p.x, p.u, p.F, p.E, N, ufl.det(p.F) * ufl.inv(p.F).T * N)
+
+    # --- integrals -------------------------------------------------------------------------------
+
+    @cached_property
+    def _places(self) -> tuple[tuple[str, ...], ...]:
+        """Cells that groups consist of: their regions, of sheets their part of the base."""
+        found = [g.regions if g.sheet is None else (g.sheet.area,) for g in self.groups]
+        return tuple(dict.fromkeys(found))
+
+    @cached_property
+    def _tags(self) -> Any:
+        return self.domain.tagged(self._places)
+
+    def measure(self, group: str) -> Any:
+        """Integration over a group of regions."""
+        found = self._group(group)
+        place = found.regions if found.sheet is None else (found.sheet.area,)
+        return self._measure("dx", self._tags)(1 + self._places.index(place))
+
+    def over(self, group: str, density: Any) -> Any:
+        """Integral over a group of regions of a density per mesh volume, of the whole device."""
+        sheet = self._group(group).sheet
+        size = self.kinematics.volume(self.point_of(group).x) * (
+            1.0 if sheet is None else sheet.thickness
+        )
+        return density * size * self.measure(group)
+
+    def over_face(self, name: str, density: Any, regions: Sequence[str] = ()) -> Any:
+        """Integral over a boundary of a density at `face`, on the side of some regions.
+
+        Args:
+            name: Of the boundary.
+            density: Per mesh area.
+            regions: Where the facets lie inside the mesh, one of their sides is of these.
+        """
+        density = density * self.kinematics.volume(self.point.x)
+        tags = tuple(tag for _, tag in self.domain.tags(name))
+        if sides(self.domain, name) == 1:
+            return density * self._measure("ds", self.domain.facet_tags)(tags)
+        mesh = self.domain.mesh
+        V = compat.functionspace(mesh, compat.element(mesh, "DG", 0))
+        chi = fem.Function(V, name="indicator")
+        chi.x.array[compat.cell_dofs(V)[self.domain.cells(*regions), 0]] = 1.0
+        both = chi("+") * density("+") + chi("-") * density("-")
+        return both * self._measure("dS", self.domain.facet_tags)(tags)
+
+    def _measure(self, sort: str, tags: Any) -> Any:
+        return ufl.Measure(
+            sort,
+            domain=self.domain.mesh,
+            subdomain_data=tags,
+            metadata={"quadrature_degree": self.degree},
+        )
+
+    def potential(self, energies: list[Energy]) -> Any:
+        """Sum of energies over their regions, in mJ."""
+        return _sum(self.over(e.on, e.density(self.point_of(e.on))) for e in energies)
+
+    def load_of(self, port: str, derive: bool = False) -> Any:
+        """Energies of faces that a port loads, or their derivative by its value; 0 without."""
+        found = []
+        for energy in (e for name, e in self.loads if name == port):
+            for place, point in self._faces(energy.on):
+                density = energy.density(point)
+                if derive:
+                    density = ufl.diff(density, self.values[port])
+                found.append(place(density))
+        return sum(found)
+
+    def _faces(self, name: str) -> Iterator[tuple[Callable[[Any], Any], Point]]:
+        """How to integrate over a face, and a point on it."""
+        if not self.kinematics.sheet:
+            solids = [region.name for region in self.device.solids]
+            yield partial(self.over_face, name, regions=solids), self.face
+            return
+        for area, point in sheet_faces(self.domain, self.spaces.w, name):
+            tag = 1 + self._places.index((area,))
+            size = self.kinematics.volume(ufl.SpatialCoordinate(self.domain.mesh))
+            yield lambda f, t=tag, s=size: f * s * self._measure("dx", self._tags)(t), point
+
+    def between(self, port: str) -> list[tuple[Group, Sheet]]:
+        """Layers of a sheet whose field a terminal drives."""
+        return [(group, sheet) for group, sheet in self.sheets if port in sheet.between]
+
+    def _dual(self, port: str) -> Any:
+        """Derivative of the potential by the value of a port."""
+        value = self.values[port]
+        parts = (self.over(g.name, ufl.diff(self.density(g), value)) for g, _ in self.between(port))
+        return self.load_of(port, derive=True) + sum(parts)
+
+    def _column(self, port: str) -> Any:
+        """Derivative of that by the state, thickness stretches condensed out."""
+        W, w = self.spaces.W, self.spaces.w
+        found = ufl.derivative(self._dual(port), w, ufl.TestFunction(W))
+        for group, sheet in self.between(port):
+            slope = ufl.diff(self.density(group), sheet.across)
+            test = ufl.derivative(slope, w, ufl.TestFunction(W))
+            share = ufl.diff(slope, self.values[port]) / ufl.diff(slope, sheet.across)
+            found = found - self.over(group.name, share * test)
+        return found
+
+    def _corner(self, one: str, other: str) -> Any:
+        """Second derivative of the potential by the values of two ports, condensed likewise."""
+        found = 0
+        for group, sheet in self.between(one):
+            if other in sheet.between:
+                density = self.density(group)
+                slope = ufl.diff(density, sheet.across)
+                a, b = (ufl.diff(slope, self.values[port]) for port in (one, other))
+                mixed = ufl.diff(ufl.diff(density, self.values[one]), self.values[other])
+                found += self.over(group.name, mixed - a * b / ufl.diff(slope, sheet.across))
+        return found
+
+    # --- forms -----------------------------------------------------------------------------------
+
+    def form(self, name: str) -> Any:
+        """A compiled form by name, or None where the device has no such part.
+
+        Args:
+            name: 'elastic', 'electric' (energies); 'locked' (area near a law's limit);
+                'residual', 'tangent' (of both, coupled); 'mesh_residual', 'mesh_tangent' (of the
+                air's fictitious elasticity); 'dual PORT', 'column PORT', 'corner PORT PORT' (first
+                and second derivatives of the potential by the values of ports in `values`).
+        """
+        if name not in self._forms:
+            self._forms[name] = self._compile(name)
+        return self._forms[name]
+
+    def _compile(self, name: str) -> Any:
+        W, w = self.spaces.W, self.spaces.w
+        if name == "locked":
+            return compat.form(self._locked_volume())
+        if name in ("elastic", "electric"):
+            return compat.form(self.potential(getattr(self, name)))
+        kind, *ports = name.split(" ")
+        if ports:
+            made = {"dual": self._dual, "column": self._column, "corner": self._corner}
+            found = made[kind](*ports)
+            return compat.form(found) if found else None
+        if name.startswith("mesh"):
+            if not self.mesh_motion:
+                return None
+            first = ufl.derivative(self.potential(self.mesh_motion), w, ufl.TestFunction(W))
+        else:
+            first = self.coupling.residual(self, ufl.TestFunction(W))
+            for port in dict.fromkeys(name for name, _ in self.loads):
+                first = first + ufl.derivative(self.load_of(port), w, ufl.TestFunction(W))
+        if name.endswith("residual"):
+            return compat.form(first)
+        second = ufl.derivative(first, w, ufl.TrialFunction(W))
+        for group, sheet in self.sheets:
+            second = second - self._condensed(group, sheet)
+        return compat.form(second)
+
+    def _condensed(self, group: Group, sheet: Sheet) -> Any:
+        """What the thickness stretch of a layer, which follows the state, takes off the tangent."""
+        W, w = self.spaces.W, self.spaces.w
+        slope = ufl.diff(self.density(group), sheet.across)
+        by_test, by_trial = (
+            ufl.derivative(slope, w, direction)
+            for direction in (ufl.TestFunction(W), ufl.TrialFunction(W))
+        )
+        return self.over(group.name, by_test * by_trial / ufl.diff(slope, sheet.across))
+
+    def density(self, group: Group) -> Any:
+        """Density of all energies of a group."""
+        energies = [e for e in (*self.body, *self.electric) if e.on == group.name]
+        return _sum(e.density(self.point_of(group.name)) for e in energies)
+
+    def settle(self) -> None:
+        """Bring the thickness stretches of sheets to where they belong at the current state.
+
+        Newton's method at each quadrature point; where it does not end, the stretch is not a
+        number, which the solver sees.
+        """
+        for _, sheet in self.sheets:
+            sheet.update()
+
+    def locked(self, share: float = 0.99) -> bool:
+        """Whether a law is somewhere stretched to a share of its limit (see `Law.extension`).
+
+        At 99 % it is dozens of times as stiff as at rest, and a body that is stretched on grows in
+        volume instead; beyond 100 % the derivatives of its energy are finite but mean nothing.
+        """
+        if not any(part.law.locks for part in self.solids):
+            return False
+        self.locking.value = share
+        return self.integrate("locked") > 0
+
+    @property
+    def solids(self) -> list[Hyperelastic]:
+        """The hyperelastic parts."""
+        parts = [getattr(part, "solid", part) for part in self.elastic]
+        return [part for part in parts if isinstance(part, Hyperelastic)]
+
+    def _locked_volume(self) -> Any:
+        """Mesh area in which a law is stretched to the share `locking` of its limit."""
+        F = self.point.F
+        return _sum(
+            ufl.conditional(ufl.ge(part.extension(F), self.locking), 1.0, 0.0)
+            * self.measure(part.on)
+            for part in self.solids
+            if part.law.locks
+        )
+
+    def set_prestretch(self, fraction: float) -> None:
+        """Pre-stretch the body by a fraction (0: none, 1: all) of the config's pre-stretches."""
+        for group in self.groups:
+            if group.prestretch is None:
+                continue
+            material = self.config.materials[group.material]
+            a, b = (1 + fraction * (s - 1) for s in material.prestretch)
+            stretches = np.empty(3)
+            stretches[list(in_plane(group.normal))] = a, b
+            stretches[group.normal] = thickness_stretch(material, a, b)
+            group.prestretch.value[:] = stretches
+
+    def value(self, port: str) -> float:
+        """Value of a port that no degree of freedom follows."""
+        return float(self.values[port].ufl_operands[0].value)
+
+    def set_values(self, ports: dict[str, float]) -> None:
+        """Set the values of the ports that no degree of freedom follows."""
+        for name, value in self.values.items():
+            value.ufl_operands[0].value = ports[name]
+
+    def integrate(self, name: str) -> float:
+        """Integral of a scalar form at the current state, summed over ranks."""
+        local = fem.assemble_scalar(self.form(name))
+        return float(self.domain.comm.allreduce(local, op=MPI.SUM))
+
+    @cached_property
+    def force_scale(self) -> float:
+        """Characteristic force, N: film modulus times the film's cross-section."""
+        sizes = self.domain.sizes
+        return sizes.width * sizes.thickness * self.config.film.shear_modulus_at_rest
+
+    @cached_property
+    def charge_scale(self) -> float:
+        """Characteristic charge, uC: of the flat film at 1 kV."""
+        sizes, film = self.domain.sizes, self.config.film
+        stretch = math.sqrt(math.prod(film.prestretch))
+        return float(EPSILON_0 * film.permittivity.at(stretch) * sizes.area / sizes.thickness)
+
+
+def quadrature_degree(order: int) -> int:
+    """Of integrals: 3 x 3 Gauss points on second-order cells, 2 x 2 on first-order."""
+    return 2 * order
+
+
+def _sum(terms: Iterable[Any]) -> Any:
+    first, *others = terms
+    return sum(others, first)
