@@ -30,6 +30,8 @@ class Point:
         E: Nominal field -Grad phi, (3,), kV/mm.
         N: Outer normal of a face in the mesh, (3,); None inside.
         area: Deformed area of a face per area of the mesh, (3,), outwards; None inside.
+        principal: Whether the last component's direction is a principal one, as it is but in solids
+            of three dimensions.
     """
 
     x: Any
@@ -38,6 +40,7 @@ class Point:
     E: Any
     N: Any = None
     area: Any = None
+    principal: bool = True
 
 
 class Energy(Protocol):
@@ -58,16 +61,23 @@ def constant(mesh: Any, value: Any) -> Any:
 
 def parameters(mesh: Any, law: Law) -> SimpleNamespace:
     """A law's parameters as constants."""
-    return SimpleNamespace(**{k: constant(mesh, v) for k, v in law.parameters.items()})
+    values = {k: constant(mesh, v) for k, v in law.parameters.items()}
+    return SimpleNamespace(**values, **law.fixed)
 
 
-def invariants(F: Any) -> Invariants:
-    """Isochoric invariants of a (3, 3) deformation gradient in UFL."""
+def invariants(F: Any, principal: bool = True) -> Invariants:
+    """Isochoric invariants of a (3, 3) deformation gradient in UFL.
+
+    Args:
+        F: The deformation gradient.
+        principal: Whether the last component's direction is known to be a principal one.
+    """
     J = ufl.det(F)
     C = F.T * F
     trace = ufl.tr(C)
     a = J ** (-2.0 / 3.0)
-    return Invariants(a * trace, a**2 * (trace**2 - ufl.inner(C, C)) / 2, J, a * C[2, 2])
+    hoop = a * C[2, 2] if principal else None
+    return Invariants(a * trace, a**2 * (trace**2 - ufl.inner(C, C)) / 2, J, hoop)
 
 
 @dataclass(frozen=True)
@@ -88,11 +98,12 @@ class Hyperelastic:
 
     def density(self, point: Point) -> Any:
         """See `Energy`."""
-        return self.law.energy(invariants(self.total(point.F)), self.parameters) / self.volume
+        i = invariants(self.total(point.F), point.principal)
+        return self.law.energy(i, self.parameters) / self.volume
 
-    def extension(self, F: Any) -> Any:
+    def extension(self, point: Point) -> Any:
         """Share of the law's extensibility that is used (see `Law.extension`)."""
-        return self.law.extension(invariants(self.total(F)), self.parameters)
+        return self.law.extension(invariants(self.total(point.F)), self.parameters)
 
     @property
     def volume(self) -> Any:
@@ -131,7 +142,7 @@ class MixedHyperelastic:
     def density(self, point: Point) -> Any:
         """See `Energy`."""
         solid, p = self.solid, self.pressure
-        i = invariants(solid.total(point.F))
+        i = invariants(solid.total(point.F), point.principal)
         isochoric = solid.law.isochoric_energy(i, solid.parameters)
         volumetric = p * (i.J - 1) - p**2 / (2 * solid.parameters.bulk_modulus)
         return (isochoric + volumetric) / solid.volume

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -125,14 +125,15 @@ class Problem:
         """A point of the current state inside the body."""
         u, phi = ufl.split(self.spaces.w)[:2]
         x, k = ufl.SpatialCoordinate(self.domain.mesh), self.kinematics
-        return Point(x, u, k.deformation_gradient(u, x), k.nominal_field(phi))
+        F, E = k.deformation_gradient(u, x), k.nominal_field(phi)
+        return Point(x, u, F, E, principal=k.dim == 2)
 
     @cached_property
     def face(self) -> Point:
         """A point of the current state on a face, its normal out of the cell."""
         N = self.kinematics.vector(ufl.FacetNormal(self.domain.mesh))
         p = self.point
-        return Point(p.x, p.u, p.F, p.E, N, ufl.det(p.F) * ufl.inv(p.F).T * N)
+        return replace(p, N=N, area=ufl.det(p.F) * ufl.inv(p.F).T * N)
 
     # --- integrals -------------------------------------------------------------------------------
 
@@ -330,9 +331,8 @@ class Problem:
 
     def _locked_volume(self) -> Any:
         """Mesh area in which a law is stretched to the share `locking` of its limit."""
-        F = self.point.F
         return _sum(
-            ufl.conditional(ufl.ge(part.extension(F), self.locking), 1.0, 0.0)
+            ufl.conditional(ufl.ge(part.extension(self.point_of(part.on)), self.locking), 1.0, 0.0)
             * self.measure(part.on)
             for part in self.solids
             if part.law.locks

@@ -24,7 +24,7 @@ class Invariants:
         I1: First isochoric invariant, J^(-2/3) tr C.
         I2: Second isochoric invariant, J^(-4/3) (tr(C)^2 - tr(C^2)) / 2.
         J: det F.
-        hoop: A principal value of J^(-2/3) C: the one of the hoop direction.
+        hoop: A principal value of J^(-2/3) C, that of the hoop direction; None if none is known.
     """
 
     I1: Any
@@ -132,9 +132,14 @@ class Law(BaseModel):
         return {n: np.array(v) if isinstance(v, tuple) else float(v) for n, v in given.items()}
 
     @property
+    def fixed(self) -> dict[str, Any]:
+        """What else `energy` takes, that decides which function it is."""
+        return {}
+
+    @property
     def values(self) -> SimpleNamespace:
         """The parameters as `energy` takes them."""
-        return SimpleNamespace(**self.parameters)
+        return SimpleNamespace(**self.parameters, **self.fixed)
 
     @property
     def shear_modulus_at_rest(self) -> float:

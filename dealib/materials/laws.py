@@ -11,10 +11,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, TypeAlias
 
+import numpy as np
 from pydantic import Field, model_validator
 
 from dealib.errors import ValueAt
-from dealib.materials.functions import chebyshev, ln
+from dealib.materials.functions import chebyshev, ln, power_sum, residues
 from dealib.materials.law import Invariants, Law, invariants_of_stretches
 from dealib.units import Stress, list_of
 
@@ -205,15 +206,33 @@ class Ogden(Law):
 
     @staticmethod
     def energy(i: Invariants, p: Any) -> Any:
-        """Strain energy density, MPa, from the hoop stretch and the sum of all three (squared)."""
+        """Strain energy density, MPa: from one principal stretch, or where none is known from all.
+
+        With the hoop stretch the other two come from the sum of all three (squared).
+        """
+        w = p.bulk_modulus / 2 * (i.J - 1) ** 2
+        if i.hoop is None:
+            for k, exponent in enumerate(p.exponents):
+                powers = power_sum(i.I1, i.I2, exponent / 2, p.residues[k])
+                w = w + p.mu[k] / exponent * (powers - 3)
+            return w
         c = i.hoop
         coincidence = (i.I1 - c) / 2 * c**0.5  # 1 where the other two stretches are equal
-        w = p.bulk_modulus / 2 * (i.J - 1) ** 2
         for k in range(len(p.mu)):
             mu, alpha = p.mu[k], p.alpha[k]
             others = 2 * c ** (-alpha / 4) * chebyshev(coincidence, alpha / 2)
             w = w + mu / alpha * (others + c ** (alpha / 2) - 3)
         return w
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """See `Law`; besides, the weights of powers (see `functions.residues`)."""
+        return super().parameters | {"residues": np.array([residues(a / 2) for a in self.alpha])}
+
+    @property
+    def fixed(self) -> dict[str, Any]:
+        """See `Law`: the exponents, which decide how powers are written."""
+        return {"exponents": self.alpha}
 
     @model_validator(mode="after")
     def _stiff_at_rest(self) -> Ogden:

@@ -57,7 +57,9 @@ def second_pk(
     trace, square = np.trace(C, axis1=-2, axis2=-1), np.einsum("...ij,...ij", C, C)
     second = (trace * trace - square) / 2
     hoop = C[..., 2, 2]
-    d = _derivatives(law, Invariants(q * trace, q * q * second, J, q * hoop))
+    known = not (C[..., 0, 2].any() or C[..., 1, 2].any())  # it is a principal direction
+    i = Invariants(q * trace, q * q * second, J, q * hoop if known else None)
+    d = _derivatives(law, i)
     # S = unit 1 + inner C^-1 - bend C, and what the last direction adds
     unit, bend, along = 2 * q * d.I1, 2 * q * q * d.I2, 2 * q * d.hoop
     inner = (d.J if pressure is None else pressure) * J
@@ -101,7 +103,10 @@ def _derivatives(law: Law, i: Invariants) -> Invariants:
     """Derivatives of W by complex steps, exact to rounding."""
     p, h = law.values, 1e-30
     found = {}
-    for name in vars(i):
+    for name, value in vars(i).items():
+        if value is None:
+            found[name] = np.zeros(i.J.shape)
+            continue
         moved: dict[str, Any] = dict(vars(i))  # the others stay real, which is faster
         moved[name] = moved[name] + 1j * h
         energy = law.energy(Invariants(**moved), p) + 0j
