@@ -40,6 +40,11 @@ class Kinematics:
         return len(self.axes)
 
     @property
+    def packed(self) -> int:
+        """Number of components of symmetric tensors that can be other than zero."""
+        return 6 if self.dim == 3 else 4
+
+    @property
     def lies(self) -> tuple[int, ...]:
         """Numbers of the axes in which the mesh lies."""
         return tuple(range(self.dim))
@@ -145,6 +150,11 @@ class SheetKinematics(Kinematics):
     inside: tuple[int, ...] = (0,)
     normal: int = 1
     offset: float = 0.0
+
+    @property
+    def packed(self) -> int:
+        """See `Kinematics`: nothing is sheared across a sheet."""
+        return 4
 
     @property
     def lies(self) -> tuple[int, ...]:

@@ -15,22 +15,28 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import ufl
 from dolfinx import fem
 
 from dealib.fem import compat
 from dealib.fem.energies import Energy, Hyperelastic, Point, constant
 from dealib.materials.branches import Branch
-from dealib.materials.evolution import IDENTITY
-
-SIZE = 5  # of a branch at a point: H, packed, and w
+from dealib.materials.evolution import INDICES
 
 
-def step_terms(mesh: Any, degree: int, branches: int) -> Any:
-    """A function that holds H and w of all branches at the quadrature points: relaxed ones."""
-    element = compat.quadrature_element(mesh, degree, SIZE * branches)
+def step_terms(mesh: Any, degree: int, branches: int, size: int) -> Any:
+    """A function that holds H and w of all branches at the quadrature points: relaxed ones.
+
+    Args:
+        mesh: The mesh.
+        degree: Of the quadrature.
+        branches: Number of branches.
+        size: Number of packed components of H (see `materials.evolution`).
+    """
+    element = compat.quadrature_element(mesh, degree, (size + 1) * branches)
     terms = fem.Function(compat.functionspace(mesh, element), name="branches")
-    terms.x.array.reshape(-1, SIZE)[:] = (*(0 * IDENTITY), 1)
+    terms.x.array.reshape(-1, size + 1)[:] = [*np.zeros(size), 1]
     return terms
 
 
@@ -44,6 +50,7 @@ class MaxwellBranch:
         evolution: Of its internal metric.
         terms: The function of `step_terms`.
         index: Its number.
+        size: Number of packed components.
     """
 
     solid: Hyperelastic
@@ -51,6 +58,7 @@ class MaxwellBranch:
     evolution: str
     terms: Any
     index: int
+    size: int
 
     @property
     def on(self) -> str:
@@ -59,21 +67,25 @@ class MaxwellBranch:
 
     def density(self, point: Point) -> Any:
         """See `Energy`."""
-        rr, zz, tt, rz, w = (self.terms[SIZE * self.index + i] for i in range(SIZE))
+        first = (self.size + 1) * self.index
+        w = self.terms[first + self.size]
         total = self.solid.total(point.F)
         C = ufl.det(total) ** (-2.0 / 3.0) * total.T * total
-        H = ufl.as_matrix([[rr, rz, 0], [rz, zz, 0], [0, 0, tt]])
+        known = {INDICES[k]: self.terms[first + k] for k in range(self.size)}
+        H = ufl.as_matrix(
+            [[known.get((min(i, j), max(i, j)), 0) for j in range(3)] for i in range(3)]
+        )
         if self.evolution == "network":
             return self.modulus / 2 * ufl.inner(H, C) / self.solid.volume
         return 1.5 * self.modulus / w * ufl.det(H + w * C) ** (1.0 / 3.0) / self.solid.volume
 
 
 def maxwell_branches(
-    solid: Hyperelastic, branches: tuple[Branch, ...], terms: Any, first: int = 0
+    solid: Hyperelastic, branches: tuple[Branch, ...], terms: Any, size: int, first: int = 0
 ) -> list[Energy]:
     """The potentials of a solid's branches, which are those from a first one in the terms."""
     mesh = terms.function_space.mesh
     return [
-        MaxwellBranch(solid, constant(mesh, b.shear_modulus), b.evolution, terms, first + i)
+        MaxwellBranch(solid, constant(mesh, b.shear_modulus), b.evolution, terms, first + i, size)
         for i, b in enumerate(branches)
     ]

@@ -59,7 +59,9 @@ def problem_on(domain: Domain, config: Config) -> Problem:
     groups = (sheet_groups if sheet else solid_groups)(config, domain)
     count = max(len(m.branches) for m in config.solids.values())
     slots = 1 + max(group.slot for group in groups)
-    terms = step_terms(mesh, quadrature_degree(spaces.order), count * slots) if count else None
+    terms, size = None, device.kinematics.packed
+    if count:
+        terms = step_terms(mesh, quadrature_degree(spaces.order), count * slots, size)
     elastic: list[Energy] = []
     electric: list[Energy] = []
     motion: list[Energy] = []
@@ -76,7 +78,7 @@ def problem_on(domain: Domain, config: Config) -> Problem:
         part = Hyperelastic(group.name, material, parameters(mesh, material), group.prestretch)
         if material.branches:
             first = group.slot * count
-            branches += maxwell_branches(part, material.branches, terms, first)
+            branches += maxwell_branches(part, material.branches, terms, size, first)
         elastic.append(MixedHyperelastic(part, ufl.split(spaces.w)[2]) if mixed else part)
         if not config.conducts(group.material):
             electric.append(_dielectric(mesh, group, material))

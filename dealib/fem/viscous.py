@@ -11,7 +11,6 @@ from mpi4py import MPI
 import numpy as np
 
 from dealib.fem import compat
-from dealib.fem.branches import SIZE
 from dealib.fem.layout import Layout
 from dealib.fem.problem import Problem
 from dealib.materials import evolution
@@ -32,8 +31,8 @@ class _Part:
         fresh: Whether they carry the pre-stretch at the start.
         volume: Mesh volume of each quadrature point, (cells, points), mm^3; 0 in ghosts.
         prestretch: Constant of the solid, or None.
-        C: Isochoric metric at the last converged state, (cells, points, 4).
-        internal: C_i there, (branches, cells, points, 4).
+        C: Isochoric metric at the last converged state, (cells, points, size).
+        internal: C_i there, (branches, cells, points, size).
         terms: History and weight of the step, for each branch.
         first: Where its values begin among those of a quadrature point.
     """
@@ -48,11 +47,12 @@ class _Part:
         volume: Array,
         prestretch: Any,
         first: int,
+        size: int,
     ) -> None:
         self.cells, self.points, self.volume, self.prestretch = cells, points, volume, prestretch
         self.first = first
         self.branches = branches
-        self.C = np.tile(evolution.IDENTITY, (*volume.shape, 1))
+        self.C = np.tile(evolution.identity(size), (*volume.shape, 1))
         self.internal = np.tile(self.C, (len(branches), 1, 1, 1))
         self.terms: list[tuple[Array, Array]] = []
 
@@ -63,7 +63,7 @@ class _Part:
         return self.volume if p is None else self.volume / float(np.prod(p.value))
 
     def begin(self, duration: float) -> Array:
-        """Prepare a step; returns its terms, packed, (cells, points, branches, 5)."""
+        """Prepare a step; returns its terms, packed, (cells, points, branches, size + 1)."""
         self.terms = [
             rule.step(self.C, self.internal[k], duration / b.relaxation_time)
             for k, b, rule in self._rules()
@@ -125,6 +125,7 @@ class Viscosity:
         self._problem, self._layout = problem, layout
         self._mesh, self._terms = problem.domain.mesh, problem.terms
         self._points, weights = compat.quadrature(self._mesh, problem.degree)
+        self._size = problem.kinematics.packed
         self._count = max(len(m.branches) for m in problem.config.solids.values())
         materials = local.region_materials(problem.config)
         self._parts: dict[str, _Part] = {}
@@ -144,8 +145,8 @@ class Viscosity:
                 nodes,
                 self._points,
             )
-            first = group.slot * self._count * SIZE
-            part = _Part(rows, points, material.branches, volume, group.prestretch, first)
+            first = group.slot * self._count * (self._size + 1)
+            part = _Part(rows, points, material.branches, volume, group.prestretch, first, self._size)
             self._parts[group.name] = part
             if material.mounted == "fresh":
                 part.fresh = True
@@ -159,7 +160,7 @@ class Viscosity:
     def rest(self) -> None:
         """Take the current state as the mounted one, in which branches are relaxed unless fresh."""
         for part, C in self._metrics():
-            part.C, part.internal[:] = C, evolution.IDENTITY if part.fresh else C
+            part.C, part.internal[:] = C, evolution.identity(self._size) if part.fresh else C
         self.dissipated = 0.0
 
     def begin(self, duration: float) -> None:
@@ -174,7 +175,7 @@ class Viscosity:
         size = self._terms.function_space.dofmap.index_map_bs
         values = self._terms.x.array.reshape(-1, size)
         packed = part.begin(duration)
-        count = packed.shape[2] * SIZE
+        count = packed.shape[2] * (self._size + 1)
         at = slice(part.first, part.first + count)
         values[dofs[self._layout.cells(part.cells)], at] = packed.reshape(*packed.shape[:2], count)
 
@@ -230,14 +231,14 @@ class Viscosity:
         return self._total(sum(p.power for p in self._parts.values()))
 
     def gather(self) -> Array | None:
-        """C_i of the whole mesh on rank 0, (cells, points, branches, 4) (collective).
+        """C_i of the whole mesh on rank 0, (cells, points, branches, size) (collective).
 
         Cells are those of `local.branch_cells`, points those of the quadrature; what a cell has
         fewer branches than others is 1.
         """
         count = max(len(p.branches) for p in self._parts.values())
-        shape = (len(self._layout.nodes), len(self._points), count, 4)
-        values = np.tile(evolution.IDENTITY, (*shape[:-1], 1))
+        shape = (len(self._layout.nodes), len(self._points), count, self._size)
+        values = np.tile(evolution.identity(self._size), (*shape[:-1], 1))
         for part in self._parts.values():
             values[part.cells, :, : len(part.branches)] = np.moveaxis(part.internal, 0, 2)
         whole = self._layout.gather_cells(values)
@@ -246,7 +247,7 @@ class Viscosity:
         return np.asarray(whole[local.branch_cells(self._problem.config, self._layout.mesh)])
 
     def of_cells(self, group: str, cells: Any, points: Array | None = None) -> Array | None:
-        """C_i at points of local cells, (cells, points, branches, 4).
+        """C_i at points of local cells, (cells, points, branches, size).
 
         Args:
             group: Their group of regions; None is returned if it has no branches.

@@ -1,7 +1,8 @@
 """How the internal metric C_i of a Maxwell branch evolves at a point, in numpy.
 
-Symmetric tensors without shear out of the meridian plane are packed: components (RR, ZZ, theta
-theta, RZ) on the last axis. C is the isochoric part of F^T F.
+Symmetric tensors are packed on the last axis: the diagonal and the shear of the first two
+components, (11, 22, 33, 12); in solids of three dimensions also (13, 23). C is the isochoric part
+of F^T F.
 """
 
 from __future__ import annotations
@@ -12,26 +13,35 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
-IDENTITY = np.array([1.0, 1.0, 1.0, 0.0])
+INDICES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+PLANE, FULL = 4, 6  # numbers of packed components
 
 
-def pack(T: Any) -> Array:
+def identity(size: int = PLANE) -> Array:
+    """The packed unit tensor."""
+    return np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])[:size]
+
+
+def pack(T: Any, size: int = PLANE) -> Array:
     """Components of symmetric tensors (..., 3, 3)."""
-    return np.stack([T[..., 0, 0], T[..., 1, 1], T[..., 2, 2], T[..., 0, 1]], axis=-1)
+    return np.stack([T[..., i, j] for i, j in INDICES[:size]], axis=-1)
 
 
 def unpack(t: Any) -> Array:
     """Inverse of `pack`."""
     T = np.zeros((*t.shape[:-1], 3, 3))
-    for i in range(3):
-        T[..., i, i] = t[..., i]
-    T[..., 0, 1] = T[..., 1, 0] = t[..., 3]
+    for k, (i, j) in enumerate(INDICES[: t.shape[-1]]):
+        T[..., i, j] = T[..., j, i] = t[..., k]
     return T
 
 
 def determinant(t: Any) -> Array:
     """Determinants, shape (...)."""
-    return np.asarray((t[..., 0] * t[..., 1] - t[..., 3] ** 2) * t[..., 2])
+    plane = (t[..., 0] * t[..., 1] - t[..., 3] ** 2) * t[..., 2]
+    if t.shape[-1] == PLANE:
+        return np.asarray(plane)
+    a, b, _, xy, xz, yz = np.moveaxis(t, -1, 0)
+    return np.asarray(plane + 2 * xy * xz * yz - a * yz**2 - b * xz**2)
 
 
 def unimodular(t: Any) -> Array:
@@ -41,18 +51,23 @@ def unimodular(t: Any) -> Array:
 
 def inverted(t: Any) -> Array:
     """Inverses."""
-    d = t[..., 0] * t[..., 1] - t[..., 3] ** 2
-    return np.stack([t[..., 1] / d, t[..., 0] / d, 1 / t[..., 2], -t[..., 3] / d], axis=-1)
+    if t.shape[-1] == PLANE:
+        d = t[..., 0] * t[..., 1] - t[..., 3] ** 2
+        return np.stack([t[..., 1] / d, t[..., 0] / d, 1 / t[..., 2], -t[..., 3] / d], axis=-1)
+    a, b, c, xy, xz, yz = np.moveaxis(t, -1, 0)
+    cofactors = [b * c - yz**2, a * c - xz**2, a * b - xy**2]
+    cofactors += [xz * yz - xy * c, xy * yz - xz * b, xy * xz - a * yz]
+    return np.asarray(np.stack(cofactors, axis=-1) / determinant(t)[..., None])
 
 
 def contract(a: Any, b: Any) -> Array:
     """tr(A B), shape (...)."""
-    return np.asarray((a[..., :3] * b[..., :3]).sum(-1) + 2 * a[..., 3] * b[..., 3])
+    return np.asarray((a[..., :3] * b[..., :3]).sum(-1) + 2 * (a[..., 3:] * b[..., 3:]).sum(-1))
 
 
-def isochoric(F: Any) -> Array:
+def isochoric(F: Any, size: int = PLANE) -> Array:
     """Packed isochoric part of F^T F from deformation gradients (..., 3, 3)."""
-    return unimodular(pack(np.swapaxes(F, -1, -2) @ F))
+    return unimodular(pack(np.swapaxes(F, -1, -2) @ F, size))
 
 
 class Evolution(Protocol):
@@ -63,10 +78,10 @@ class Evolution(Protocol):
     """
 
     def step(self, C: Array, internal: Array, ratio: float) -> tuple[Array, Array]:
-        """What a time step takes from its start: history, (..., 4), and weight, (...).
+        """What a time step takes from its start: history, as C, and weight, (...).
 
         Args:
-            C: Isochoric metric at the start, (..., 4).
+            C: Isochoric metric at the start, packed.
             internal: C_i at the start.
             ratio: Time step over relaxation time.
         """

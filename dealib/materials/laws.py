@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from dealib.errors import ValueAt
-from dealib.materials.functions import chebyshev, ln, power_sum, residues
+from dealib.materials.functions import POLES, chebyshev, ln, power_sum, residues
 from dealib.materials.law import Invariants, Law, invariants_of_stretches
 from dealib.units import Stress, list_of
 
@@ -213,7 +213,8 @@ class Ogden(Law):
         w = p.bulk_modulus / 2 * (i.J - 1) ** 2
         if i.hoop is None:
             for k, exponent in enumerate(p.exponents):
-                powers = power_sum(i.I1, i.I2, exponent / 2, p.residues[k])
+                weights = [p.residues[k, j] for j in range(len(POLES))]
+                powers = power_sum(i.I1, i.I2, exponent / 2, weights)
                 w = w + p.mu[k] / exponent * (powers - 3)
             return w
         c = i.hoop

@@ -13,7 +13,7 @@ import numpy as np
 
 from dealib.config.schema import Config
 from dealib.materials.branches import Branch
-from dealib.materials.evolution import IDENTITY
+from dealib.materials.evolution import identity
 from dealib.materials.laws import Law, invariants_of_stretches
 from dealib.materials.prestretch import bracket
 from dealib.materials.response import curvature, softens, stiffness
@@ -167,7 +167,7 @@ def _mounted_tension(material: local.RegionMaterial, fresh: tuple[Branch, ...]) 
     """
     from scipy.optimize import brentq
 
-    law, internal = material.law, np.tile(IDENTITY, (len(fresh), 1))
+    law, internal = material.law, np.tile(identity(), (len(fresh), 1))
     assert law is not None
 
     def stress(across: float) -> Array:
