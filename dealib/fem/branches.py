@@ -20,7 +20,7 @@ import ufl
 from dolfinx import fem
 
 from dealib.fem import compat
-from dealib.fem.energies import Energy, Hyperelastic, Point, constant
+from dealib.fem.energies import Energy, Hyperelastic, Point, Scalars, constant
 from dealib.materials.branches import Branch
 from dealib.materials.evolution import INDICES
 
@@ -65,19 +65,40 @@ class MaxwellBranch:
         """See `Energy`."""
         return self.solid.on
 
-    def density(self, point: Point) -> Any:
-        """See `Energy`."""
+    @property
+    def _weight(self) -> Any:
+        return self.terms[(self.size + 1) * self.index + self.size]
+
+    def scalars(self, point: Point) -> Scalars:
+        """See `Energy`: det F, H : C, and of another evolution cof(H) : C and H : cof(C)."""
         first = (self.size + 1) * self.index
-        w = self.terms[first + self.size]
-        total = self.solid.total(point.F)
-        C = ufl.det(total) ** (-2.0 / 3.0) * total.T * total
         known = {INDICES[k]: self.terms[first + k] for k in range(self.size)}
         H = ufl.as_matrix(
             [[known.get((min(i, j), max(i, j)), 0) for j in range(3)] for i in range(3)]
         )
+        total = self.solid.total(point.F)
+        C, J = total.T * total, ufl.det(total)
         if self.evolution == "network":
-            return self.modulus / 2 * ufl.inner(H, C) / self.solid.volume
-        return 1.5 * self.modulus / w * ufl.det(H + w * C) ** (1.0 / 3.0) / self.solid.volume
+            return J, ufl.inner(H, C)
+        return J, _mixed(H, C), _mixed(C, H), ufl.det(H)
+
+    def of(self, *scalars: Any) -> Any:
+        """See `Energy`."""
+        J, first = scalars[:2]
+        q = J ** (-2.0 / 3.0)
+        if self.evolution == "network":
+            return self.modulus / 2 * q * first / self.solid.volume
+        _, _, second, rest = scalars
+        s = q * self._weight  # det(H + s C) as a cubic in s
+        det = rest + s * (first + s * (second + s * J * J))
+        return 1.5 * self.modulus / self._weight * det ** (1.0 / 3.0) / self.solid.volume
+
+
+def _mixed(A: Any, B: Any) -> Any:
+    """Cof(A) : B of symmetric matrices: what is linear in B of det(A + B)."""
+    trace = ufl.tr(A)
+    square = A * A
+    return ufl.inner(square - trace * A, B) + (trace**2 - ufl.tr(square)) / 2 * ufl.tr(B)
 
 
 def maxwell_branches(

@@ -41,8 +41,8 @@ class Body(Protocol):
     def electric(self) -> list[Energy]:
         """Electric energies."""
 
-    def potential(self, energies: list[Energy]) -> Any:
-        """Sum of energies over their regions."""
+    def first(self, energies: list[Energy], test: Any) -> Any:
+        """First variation of a sum of energies."""
 
     def over(self, group: str, density: Any) -> Any:
         """Integral over a group of regions."""
@@ -84,8 +84,7 @@ class OnePotential:
 
     def residual(self, problem: Body, test: Any) -> Any:
         """See `Coupling`."""
-        total = problem.potential(problem.body + problem.electric)
-        return ufl.derivative(total, problem.state, test)
+        return problem.first(problem.body + problem.electric, test)
 
 
 @dataclass(frozen=True)
@@ -101,10 +100,10 @@ class Loaded:
 
     def residual(self, problem: Body, test: Any) -> Any:
         """See `Coupling`."""
-        w, (v, psi, *rest) = problem.state, ufl.split(test)
+        v, psi, *rest = ufl.split(test)
         charges = ufl.as_vector([0, 0, psi, *(0 for _ in rest)])  # of the potential only
-        body = ufl.derivative(problem.potential(problem.body), w, test)
-        field = ufl.derivative(problem.potential(problem.electric), w, charges)
+        body = problem.first(problem.body, test)
+        field = problem.first(problem.electric, charges)
         return body + field - self.load(problem, v)
 
 

@@ -1,7 +1,10 @@
-"""Energies of regions and of faces; their sum is the potential that the solver makes stationary.
+"""Energies of regions; their sum is the potential that the solver makes stationary.
 
-An energy takes a point of the body and gives its density per mesh volume or mesh area. Composing
-energies is all that it takes to model a device.
+An energy is a function of a few scalars, each a polynomial of the deformation gradient and the
+field at a point, such as tr C, det F and |cof(F) E|^2. Composing energies is all that it takes to
+model a device. The chain rule through the scalars gives residual and tangent: UFL differentiates
+polynomials and functions of scalars, which it does to a fraction of the code that the whole would
+take.
 """
 
 from __future__ import annotations
@@ -17,6 +20,8 @@ import ufl
 from dolfinx import fem
 
 from dealib.materials.laws import Invariants, Law
+
+Scalars = tuple[Any, ...]
 
 
 @dataclass(frozen=True)
@@ -48,10 +53,44 @@ class Energy(Protocol):
 
     @property
     def on(self) -> str:
-        """Group of regions, or boundary, that it lives on."""
+        """Group of regions that it lives on."""
 
-    def density(self, point: Point) -> Any:
-        """Energy per mesh volume (MPa = mJ/mm^3) or per mesh area (N/mm)."""
+    def scalars(self, point: Point) -> Scalars:
+        """What it is a function of: polynomials of F, E and other unknowns at a point."""
+
+    def of(self, *scalars: Any) -> Any:
+        """Energy per mesh volume as a function of these, MPa = mJ/mm^3."""
+
+
+def density(energy: Energy, point: Point) -> Any:
+    """Energy per mesh volume at a point, MPa = mJ/mm^3."""
+    return energy.of(*energy.scalars(point))
+
+
+def first_variation(energy: Energy, point: Point, state: Any, test: Any) -> Any:
+    """Derivative of the density by the state, in a direction."""
+    scalars, slopes = _slopes(energy, point)
+    parts = zip(slopes, scalars, strict=True)
+    return sum(slope * ufl.derivative(x, state, test) for slope, x in parts)
+
+
+def second_variation(energy: Energy, point: Point, state: Any, test: Any, trial: Any) -> Any:
+    """Second derivative of the density by the state, in two directions."""
+    scalars, slopes = _slopes(energy, point)
+    by_test, by_trial = ([ufl.derivative(x, state, d) for x in scalars] for d in (test, trial))
+    total = 0
+    for i, slope in enumerate(slopes):
+        total += slope * ufl.derivative(by_test[i], state, trial)
+        for j, x in enumerate(scalars):
+            total += ufl.diff(slope, x) * by_test[i] * by_trial[j]
+    return total
+
+
+def _slopes(energy: Energy, point: Point) -> tuple[list[Any], list[Any]]:
+    """The scalars as UFL variables, and the derivatives of the density by them."""
+    scalars = [ufl.variable(x) for x in energy.scalars(point)]
+    value = energy.of(*scalars)
+    return scalars, [ufl.diff(value, x) for x in scalars]
 
 
 def constant(mesh: Any, value: Any) -> Any:
@@ -65,19 +104,23 @@ def parameters(mesh: Any, law: Law) -> SimpleNamespace:
     return SimpleNamespace(**values, **law.fixed)
 
 
-def invariants(F: Any, principal: bool = True) -> Invariants:
-    """Isochoric invariants of a (3, 3) deformation gradient in UFL.
+def strain_scalars(F: Any, principal: bool = True) -> Scalars:
+    """Tr C, (tr(C)^2 - tr(C^2))/2, det F, and the last principal value of C if it is known.
 
     Args:
-        F: The deformation gradient.
+        F: Deformation gradient, (3, 3).
         principal: Whether the last component's direction is known to be a principal one.
     """
-    J = ufl.det(F)
     C = F.T * F
     trace = ufl.tr(C)
+    found = (trace, (trace**2 - ufl.inner(C, C)) / 2, ufl.det(F))
+    return (*found, C[2, 2]) if principal else found
+
+
+def isochoric(trace: Any, second: Any, J: Any, hoop: Any = None) -> Invariants:
+    """Isochoric invariants from `strain_scalars`."""
     a = J ** (-2.0 / 3.0)
-    hoop = a * C[2, 2] if principal else None
-    return Invariants(a * trace, a**2 * (trace**2 - ufl.inner(C, C)) / 2, J, hoop)
+    return Invariants(a * trace, a**2 * second, J, None if hoop is None else a * hoop)
 
 
 @dataclass(frozen=True)
@@ -96,14 +139,17 @@ class Hyperelastic:
     parameters: SimpleNamespace
     prestretch: Any = None
 
-    def density(self, point: Point) -> Any:
+    def scalars(self, point: Point) -> Scalars:
         """See `Energy`."""
-        i = invariants(self.total(point.F), point.principal)
-        return self.law.energy(i, self.parameters) / self.volume
+        return strain_scalars(self.total(point.F), point.principal)
+
+    def of(self, *scalars: Any) -> Any:
+        """See `Energy`."""
+        return self.law.energy(isochoric(*scalars), self.parameters) / self.volume
 
     def extension(self, point: Point) -> Any:
         """Share of the law's extensibility that is used (see `Law.extension`)."""
-        return self.law.extension(invariants(self.total(point.F)), self.parameters)
+        return self.law.extension(isochoric(*self.scalars(point)), self.parameters)
 
     @property
     def volume(self) -> Any:
@@ -115,8 +161,7 @@ class Hyperelastic:
         """F F_p: the deformation since the unstretched state."""
         if self.prestretch is None:
             return F
-        p = self.prestretch
-        return F * ufl.as_matrix([[p[0], 0, 0], [0, p[1], 0], [0, 0, p[2]]])
+        return ufl.as_matrix([[F[i, j] * self.prestretch[j] for j in range(3)] for i in range(3)])
 
 
 @dataclass(frozen=True)
@@ -139,13 +184,15 @@ class MixedHyperelastic:
         """See `Energy`."""
         return self.solid.on
 
-    def density(self, point: Point) -> Any:
+    def scalars(self, point: Point) -> Scalars:
         """See `Energy`."""
-        solid, p = self.solid, self.pressure
-        i = invariants(solid.total(point.F), point.principal)
-        isochoric = solid.law.isochoric_energy(i, solid.parameters)
-        volumetric = p * (i.J - 1) - p**2 / (2 * solid.parameters.bulk_modulus)
-        return (isochoric + volumetric) / solid.volume
+        return (self.pressure, *self.solid.scalars(point))
+
+    def of(self, p: Any, *scalars: Any) -> Any:
+        """See `Energy`."""
+        i, of = isochoric(*scalars), self.solid.parameters
+        shape = self.solid.law.isochoric_energy(i, of)
+        return (shape + p * (i.J - 1) - p**2 / (2 * of.bulk_modulus)) / self.solid.volume
 
 
 @dataclass(frozen=True)
@@ -164,10 +211,15 @@ class IdealDielectric:
         """Permittivity at a deformation."""
         return self.permittivity
 
-    def density(self, point: Point) -> Any:
+    def scalars(self, point: Point) -> Scalars:
+        """See `Energy`: |cof(F) E|^2 and det F."""
+        flux = cofactor_times(point.F, point.E)
+        return ufl.dot(flux, flux), ufl.det(point.F)
+
+    def of(self, *scalars: Any) -> Any:
         """See `Energy`."""
-        e = ufl.inv(point.F).T * point.E
-        return -self.at(point.F) / 2 * ufl.det(point.F) * ufl.dot(e, e)
+        square, J = scalars
+        return -self.permittivity / 2 * square / J
 
 
 @dataclass(frozen=True)
@@ -189,10 +241,32 @@ class StretchedDielectric(IdealDielectric):
 
     def at(self, F: Any) -> Any:
         """See `IdealDielectric`."""
-        one, other = (ufl.as_vector([F[i, k] for i in range(3)]) for k in in_plane(self.normal))
-        area = ufl.cross(one, other)  # of layers that were normal to that component
+        return self._at(self._area(F))
+
+    def scalars(self, point: Point) -> Scalars:
+        """See `Energy`; the last one is the square of the growth in area since the mesh."""
+        return (*super().scalars(point), self._area(point.F))
+
+    def of(self, *scalars: Any) -> Any:
+        """See `Energy`."""
+        square, J, area = scalars
+        return -self._at(area) / 2 * square / J
+
+    def _at(self, area: Any) -> Any:
         p = [self.prestretch[k] for k in in_plane(self.normal)]
-        return self.permittivity + self.slope * (p[0] * p[1] * ufl.sqrt(ufl.dot(area, area))) ** 0.5
+        return self.permittivity + self.slope * (p[0] * p[1] * ufl.sqrt(area)) ** 0.5
+
+    def _area(self, F: Any) -> Any:
+        across = ufl.as_vector([1.0 if k == self.normal else 0.0 for k in range(3)])
+        area = cofactor_times(F, across)
+        return ufl.dot(area, area)
+
+
+def cofactor_times(F: Any, E: Any) -> Any:
+    """Cof(F) E = J F^-T E, by cross products of F's columns."""
+    f = [ufl.as_vector([F[i, j] for i in range(3)]) for j in range(3)]
+    pairs = (ufl.cross(f[1], f[2]), ufl.cross(f[2], f[0]), ufl.cross(f[0], f[1]))
+    return sum(E[k] * pair for k, pair in enumerate(pairs))
 
 
 def in_plane(normal: int) -> tuple[int, int]:
@@ -213,7 +287,11 @@ class MeshElasticity:
     on: str
     stiffness: Any
 
-    def density(self, point: Point) -> Any:
+    def scalars(self, point: Point) -> Scalars:
         """See `Energy`."""
-        i = invariants(point.F)
-        return self.stiffness / 2 * (i.I1 - 3 + (i.J - 1) ** 2)
+        return strain_scalars(point.F)[::2]
+
+    def of(self, *scalars: Any) -> Any:
+        """See `Energy`."""
+        trace, J = scalars
+        return self.stiffness / 2 * (J ** (-2.0 / 3.0) * trace - 3 + (J - 1) ** 2)

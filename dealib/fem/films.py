@@ -11,9 +11,9 @@ import numpy.typing as npt
 
 from dealib.config.schema import Config
 from dealib.fem.differential import test_fields
+from dealib.fem.groups import Group
 from dealib.fem.layout import Layout
 from dealib.fem.newton import Newton
-from dealib.fem.groups import Group
 from dealib.fem.potential import Problem
 from dealib.results import local
 from dealib.results.electrodes import Rings

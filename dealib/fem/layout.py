@@ -75,9 +75,11 @@ class Layout:
         index_map = W.dofmap.index_map
         numbers = index_map.local_to_global(dofs[0][rows].ravel().astype(np.int32))
         regions = {r.name: k for k, r in enumerate(domain.device.regions)}
-        region = domain.region_of_cell if not kinematics.sheet else np.array(
-            [regions[g.regions[0]] for g in problem.groups], dtype=np.int32
-        )[groups]
+        region = (
+            domain.region_of_cell
+            if not kinematics.sheet
+            else np.array([regions[g.regions[0]] for g in problem.groups], dtype=np.int32)[groups]
+        )
         parts = comm.gather(
             (
                 original[owned],

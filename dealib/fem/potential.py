@@ -17,25 +17,22 @@ from dolfinx import fem
 from dealib.config.schema import Config
 from dealib.device.device import Device
 from dealib.device.kinematics import Kinematics
-from dealib.device.records import CHAMBER, Region
 from dealib.fem import compat
-from dealib.fem.branches import maxwell_branches, step_terms
-from dealib.fem.chambers import chamber_energies, sides
-from dealib.fem.constraints import ConstraintMap, build
-from dealib.fem.couplings import COUPLINGS, Coupling
-from dealib.fem.domain import Domain, Spaces, build_domain, build_spaces
+from dealib.fem.chambers import sides
+from dealib.fem.constraints import ConstraintMap
+from dealib.fem.couplings import Coupling
+from dealib.fem.domain import Domain, Spaces
 from dealib.fem.energies import (
     Energy,
     Hyperelastic,
-    IdealDielectric,
-    MeshElasticity,
-    MixedHyperelastic,
     Point,
-    StretchedDielectric,
-    constant,
+    density,
+    first_variation,
     in_plane,
-    parameters,
+    second_variation,
 )
+from dealib.fem.groups import Group, Sheet
+from dealib.fem.sheet import sheet_faces
 from dealib.materials import thickness_stretch
 from dealib.units import EPSILON_0
 
@@ -190,17 +187,15 @@ class Problem:
 
     def potential(self, energies: list[Energy]) -> Any:
         """Sum of energies over their regions, in mJ."""
-        return _sum(self.over(e.on, e.density(self.point_of(e.on))) for e in energies)
+        return _sum(self.over(e.on, density(e, self.point_of(e.on))) for e in energies)
 
     def load_of(self, port: str, derive: bool = False) -> Any:
         """Energies of faces that a port loads, or their derivative by its value; 0 without."""
         found = []
         for energy in (e for name, e in self.loads if name == port):
             for place, point in self._faces(energy.on):
-                density = energy.density(point)
-                if derive:
-                    density = ufl.diff(density, self.values[port])
-                found.append(place(density))
+                work = energy.density(point)
+                found.append(place(ufl.diff(work, self.values[port]) if derive else work))
         return sum(found)
 
     def _faces(self, name: str) -> Iterator[tuple[Callable[[Any], Any], Point]]:
@@ -273,20 +268,36 @@ class Problem:
             made = {"dual": self._dual, "column": self._column, "corner": self._corner}
             found = made[kind](*ports)
             return compat.form(found) if found else None
-        if name.startswith("mesh"):
-            if not self.mesh_motion:
-                return None
-            first = ufl.derivative(self.potential(self.mesh_motion), w, ufl.TestFunction(W))
-        else:
-            first = self.coupling.residual(self, ufl.TestFunction(W))
-            for port in dict.fromkeys(name for name, _ in self.loads):
-                first = first + ufl.derivative(self.load_of(port), w, ufl.TestFunction(W))
+        test, trial = ufl.TestFunction(W), ufl.TrialFunction(W)
+        if name.startswith("mesh") and not self.mesh_motion:
+            return None
+        parts = self.mesh_motion if name.startswith("mesh") else self.body + self.electric
+        ports = [] if name.startswith("mesh") else dict.fromkeys(name for name, _ in self.loads)
+        loads = sum(ufl.derivative(self.load_of(port), w, test) for port in ports)
         if name.endswith("residual"):
-            return compat.form(first)
-        second = ufl.derivative(first, w, ufl.TrialFunction(W))
+            given = name.startswith("mesh") or self.coupling.symmetric
+            first = self.first(parts, test) if given else self.coupling.residual(self, test)
+            return compat.form(first + loads)
+        if not self.coupling.symmetric and not name.startswith("mesh"):
+            return compat.form(ufl.derivative(self.coupling.residual(self, test), w, trial))
+        total = self.second(parts, test, trial) + (ufl.derivative(loads, w, trial) if loads else 0)
         for group, sheet in self.sheets:
-            second = second - self._condensed(group, sheet)
-        return compat.form(second)
+            total = total - self._condensed(group, sheet)
+        return compat.form(total)
+
+    def first(self, energies: list[Energy], test: Any) -> Any:
+        """First variation of the sum of energies."""
+        return _sum(
+            self.over(e.on, first_variation(e, self.point_of(e.on), self.state, test))
+            for e in energies
+        )
+
+    def second(self, energies: list[Energy], test: Any, trial: Any) -> Any:
+        """Second variation of the sum of energies."""
+        return _sum(
+            self.over(e.on, second_variation(e, self.point_of(e.on), self.state, test, trial))
+            for e in energies
+        )
 
     def _condensed(self, group: Group, sheet: Sheet) -> Any:
         """What the thickness stretch of a layer, which follows the state, takes off the tangent."""
@@ -301,7 +312,7 @@ class Problem:
     def density(self, group: Group) -> Any:
         """Density of all energies of a group."""
         energies = [e for e in (*self.body, *self.electric) if e.on == group.name]
-        return _sum(e.density(self.point_of(group.name)) for e in energies)
+        return _sum(density(e, self.point_of(group.name)) for e in energies)
 
     def settle(self) -> None:
         """Bring the thickness stretches of sheets to where they belong at the current state.

@@ -146,7 +146,9 @@ class Viscosity:
                 self._points,
             )
             first = group.slot * self._count * (self._size + 1)
-            part = _Part(rows, points, material.branches, volume, group.prestretch, first, self._size)
+            part = _Part(
+                rows, points, material.branches, volume, group.prestretch, first, self._size
+            )
             self._parts[group.name] = part
             if material.mounted == "fresh":
                 part.fresh = True
