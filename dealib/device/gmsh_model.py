@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import errno
-import os
+import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,7 +13,8 @@ from typing import Any
 from dealib.config.schema import Config
 from dealib.device import own_mesh, own_strips, sheet, solid
 from dealib.device.shapes import AnnularStrips, MeshShape
-from dealib.errors import ConfigError, PlatformError
+from dealib.errors import ConfigError
+from dealib.files import whole
 
 
 @contextmanager
@@ -22,12 +24,8 @@ def gmsh_model(config: Config) -> Iterator[Any]:
     Raises:
         ConfigError: If a mesh file lacks names, or does not fit the geometry.
     """
-    import gmsh
-
     laminate = config.device.laminate
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with session() as gmsh:
         gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
         if config.mesh.file is None and laminate is not None:
             gmsh.model.add(config.name)
@@ -40,6 +38,20 @@ def gmsh_model(config: Config) -> Iterator[Any]:
         else:
             _read(gmsh, config)
         yield gmsh
+
+
+@contextmanager
+def session() -> Iterator[Any]:
+    """A quiet session of Gmsh, which takes no signals away."""
+    import gmsh
+
+    gmsh.initialize(interruptible=False)
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):  # Gmsh sets one back to its default
+            signal.signal(number, signal.getsignal(number))
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        yield gmsh
     finally:
         gmsh.finalize()
 
@@ -50,16 +62,10 @@ def save(gmsh: Any, path: Path) -> None:
     Raises:
         PlatformError: If the disk refuses, of which Gmsh itself does not tell.
     """
-    temporary = path.with_name(path.stem + ".tmp.msh")
-    try:
+    with whole(path) as temporary:
         gmsh.write(str(temporary))
-        whole = temporary.read_bytes().rstrip().endswith(b"$EndElements")
-        if not whole:
+        if not temporary.read_bytes().rstrip().endswith(b"$EndElements"):
             raise OSError(errno.ENOSPC, "the disk is full, or a limit on file size is reached")
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise PlatformError(f"cannot write {path}: {error.strerror}") from None
 
 
 def write(config: Config, path: Path) -> dict[str, int]:

@@ -17,6 +17,7 @@ from dealib.errors import ConfigError, NotConverged
 from dealib.fem.system import PortLaw
 from dealib.program.inputs import drives, law
 from dealib.program.simulation import Simulation
+from dealib.program.turns import alone
 from dealib.results.bias import BiasChart, Equilibrium, crossings
 
 log = logging.getLogger(__name__)
@@ -31,6 +32,7 @@ class _Point:
     q: Any
 
 
+@alone()
 def chart(
     case: Case,
     voltage: float | None = None,

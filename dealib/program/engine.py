@@ -107,7 +107,12 @@ class Engine:
                 "start anew with --overwrite, or elsewhere with --out"
             )
         system, w = self.newton.system, self.problem.spaces.w
-        self.progress = Progress.of(saved.values["progress"])
+        try:
+            self.progress = Progress.of(saved.values["progress"])
+        except Exception as error:  # of a file whose content can be anything
+            raise ConfigError(
+                f"damaged checkpoint ({error!r}); start anew with --overwrite"
+            ) from None
         self.problem.set_prestretch(1.0)
         known = []
         count = comm.bcast(len(saved.states), root=0)

@@ -17,6 +17,7 @@ from dealib.program.bias import ReachWatch
 from dealib.program.engine import Engine
 from dealib.program.margins import keep
 from dealib.program.stability import StabilityWatch
+from dealib.program.turns import alone
 from dealib.program.work import Work
 
 log = logging.getLogger(__name__)
@@ -36,10 +37,12 @@ class State:
     end_of_stage: bool
     engine: Engine
 
+    @alone()
     def nodal(self) -> Any:
         """Nodal values of the whole mesh on rank 0 (see `Layout`), None elsewhere (collective)."""
         return self.engine.layout.gather()
 
+    @alone()
     def internal(self) -> Any:
         """Internal state of Maxwell branches, likewise (see `Viscosity.gather`); None without."""
         viscosity = self.engine.viscosity

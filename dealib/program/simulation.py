@@ -17,13 +17,14 @@ from dealib.program.history import History, State
 from dealib.program.increments import StageClock
 from dealib.program.inputs import drives
 from dealib.program.progress import Progress
+from dealib.program.turns import alone
 from dealib.results.checkpoint import Checkpoint
 
 __all__ = ["Simulation", "State"]
 
 
 class Simulation:
-    """Iterates over the converged states of a case.
+    """Iterates over the converged states of a case; threads take turns.
 
     Attributes:
         engine: What the stages work on.
@@ -39,6 +40,7 @@ class Simulation:
         NotConverged: While iterating, when a step fails at the smallest increment.
     """
 
+    @alone()
     def __init__(
         self,
         case: Case,
@@ -74,6 +76,11 @@ class Simulation:
 
     def __iter__(self) -> Iterator[State]:
         """Run the program, or what is left of it."""
+        states = self._states()
+        while (state := _next(states)) is not None:
+            yield state
+
+    def _states(self) -> Iterator[State]:
         first, *others = self._stages
         engine, history = self.engine, self._history
         if self.progress.step < 0:
@@ -103,3 +110,9 @@ class Simulation:
     def sample(self, film: SecondFilm) -> Sampled:
         """Measure a second film by a run of its own."""
         return second_film(self.case.config, film, lambda case: Simulation(case, self.comm))
+
+
+@alone()
+def _next(states: Iterator[State]) -> State | None:
+    return next(states, None)
+
