@@ -228,12 +228,12 @@ def test_stages_of_one_name_are_told_apart_and_the_mount_decides_what_is_told(tm
     assert (one.stage, two.stage, free.stage, three.stage) == (
         "up (1)", "up (2)", "let go", "up (3)"
     )  # fmt: skip
-    assert (one.stroke, two.stroke) == (None, None)
-    assert one.force_change == pytest.approx(F[4] - F[2])
-    assert two.force_change == pytest.approx(F[6] - F[4])
-    assert (free.force_change, three.force_change) == (None, None)
-    assert free.stroke == pytest.approx(abs(u[8:12] - u[7]).max())
-    assert three.stroke == pytest.approx(abs(u[14] - u[11]))  # the last one under voltage
+    for held, change in ((one, F[4] - F[2]), (two, F[6] - F[4])):
+        assert (held.what, held.unit, held.held) == ("force change", "N", "mount")
+        assert held.value == pytest.approx(change)
+    for moving, change in ((free, abs(u[8:12] - u[7]).max()), (three, abs(u[14] - u[11]))):
+        assert (moving.what, moving.unit, moving.held) == ("stroke", "mm", "")
+        assert moving.value == pytest.approx(change)
     text = CliRunner().invoke(app, ["info", str(run.directory)]).stdout
     assert f"force change in 'up (2)'  {F[6] - F[4]:.5g} N at up to 2 kV (mount held)" in text
     assert "'lead'" not in text
@@ -254,8 +254,8 @@ def test_what_a_path_set_free_is_held_after_it(tmp_path):
         u, F = run.history["displacement_mm"], run.history["force_N"]
         moved = abs(u - u.iloc[-2]).iloc[-1], abs(F - F.iloc[-2]).iloc[-1]
         assert (moved[1] < 1e-9) == stroke
-        expected = (moved[0], None) if stroke else (None, moved[1])
-        assert (told.stroke, told.force_change) == expected
+        expected = ("stroke", moved[0]) if stroke else ("force change", moved[1])
+        assert (told.what, told.value) == expected
 
 
 def test_a_stage_ends_early_by_its_condition():

@@ -33,20 +33,13 @@ def export(case: Case, out: Path | None, *, overwrite: bool, resume: bool) -> No
 
 def _between(tables: Tables) -> str:
     """How well the tables know what lies between their nodes: against every other node alone."""
-    u, v = tables.displacement_mm, tables.voltage_kV
-    if min(len(u), len(v)) < 5 or len(u) % 2 == 0 or len(v) % 2 == 0:
+    grids = list(tables.axes.values())
+    if any(len(grid) < 5 or len(grid) % 2 == 0 for grid in grids):
         return "an odd number of points, at least 5, on each axis would show the error between them"
-    half = {n: a[::2, ::2] if a.ndim == 2 else a[::2] for n, a in tables.plain().items()}
-    coarse = Tables(**half)
-    U, V = np.meshgrid((u[1:] + u[:-1]) / 2, (v[1:] + v[:-1]) / 2, indexing="ij")
-    errors = [
-        np.abs(rough - fine).max() / np.abs(known).max() / 8  # of third order in the spacing
-        for rough, fine, known in (
-            (coarse.force(U, V), tables.force(U, V), tables.force_N),
-            (coarse.charge(U, V), tables.charge(U, V), tables.charge_uC),
-        )
-    ]
-    return (
-        f"estimated error between the nodes: force {errors[0]:.1e}, charge {errors[1]:.1e} "
-        "of the largest"
-    )
+    coarse = Tables({n: a[(slice(None, None, 2),) * a.ndim] for n, a in tables.plain().items()})
+    nodes = np.meshgrid(*((grid[1:] + grid[:-1]) / 2 for grid in grids), indexing="ij")
+    errors = []
+    for name, values in tables.duals.items():
+        off = np.abs(coarse.dual(name, *nodes) - tables.dual(name, *nodes)).max()
+        errors.append(f"{name} {off / np.abs(values).max() / 8:.1e}")  # third order in the spacing
+    return f"estimated error between the nodes: {', '.join(errors)} of the largest"

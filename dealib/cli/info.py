@@ -3,37 +3,35 @@
 from __future__ import annotations
 
 import shlex
+from typing import TYPE_CHECKING
 
+from dealib.device.records import CHAMBER, MOUNT
 from dealib.errors import ConfigError
+from dealib.observe.quantities import Column, columns
 from dealib.results.cycles import cycles
 from dealib.results.reader import Run
 from dealib.results.summary import actuations, critical_points, margins
+
+if TYPE_CHECKING:
+    import pandas
 
 
 def summary(run: Run) -> str:
     """The figures that an engineer looks at first, from the history."""
     h = run.history
     info = run.info
-    rows = [
-        (name, f"{_clean(h[column].min()):.5g} .. {_clean(h[column].max()):.5g} {unit}")
-        for name, column, unit in (
-            ("displacement", "displacement_mm", "mm"),
-            ("force on mount", "force_N", "N"),
-        )
-    ]
+    known = [c for c in columns(run.config).values() if c.name in h]
+    mounts = {v.name for kind in (MOUNT, CHAMBER) for v in kind.variables}
+    rows = [(c.label, _range(h, c)) for c in known if c.quantity.label in mounts or c.probe]
     for a in actuations(run):
-        peak = f"at up to {a.peak_voltage:.4g} kV"
-        if a.stroke is not None:
-            rows.append((f"stroke in {a.stage!r}", f"{_clean(a.stroke):.5g} mm {peak}"))
-        if a.force_change is not None:
-            force = f"{_clean(a.force_change):.5g} N {peak} (mount held)"
-            rows.append((f"force change in {a.stage!r}", force))
+        held = f" ({a.held} held)" if a.held else ""
+        value = f"{_clean(a.value):.5g} {a.unit} at up to {a.peak_voltage:.4g} kV{held}"
+        rows.append((f"{a.what} in {a.stage!r}", value))
     for point in critical_points(run):
         rows.append((f"{point.name} in {point.stage!r}", point.text))
-    c, e = h["capacitance_pF"], h["field_max_MV_per_m"]
+    rows += [(c.label, _range(h, c)) for c in known if c.quantity.label == "capacitance"]
     rows += [
-        ("capacitance", f"{c.min():.5g} .. {c.max():.5g} pF"),
-        ("peak field", f"{e.max():.4g} MV/m"),
+        ("peak field", f"{h['field_max_MV_per_m'].max():.4g} MV/m"),
         ("steps", f"{len(h) - 1}, {int(h['newton_iterations'].sum())} Newton iterations"),
     ]
     beyond = [m for m in margins(run) if not m.ok]
@@ -47,6 +45,12 @@ def summary(run: Run) -> str:
     rows.append(("results", str(run.directory)))
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
+
+
+def _range(history: pandas.DataFrame, column: Column) -> str:
+    values = history[column.name]
+    low, high = (f"{_clean(v):.5g}" for v in (values.min(), values.max()))
+    return f"{low} .. {high} {column.unit}".rstrip()
 
 
 def _clean(value: float) -> float:

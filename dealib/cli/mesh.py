@@ -7,8 +7,8 @@ from pathlib import Path
 import typer
 
 from dealib.config.case import Case
-from dealib.errors import ConfigError
 from dealib.device import gmsh_model
+from dealib.errors import ConfigError
 
 
 def write_mesh(case: Case, path: Path, view: Path | None, overwrite: bool) -> None:

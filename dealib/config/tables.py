@@ -2,31 +2,67 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field, model_validator
 
+from dealib.device.records import KINDS
 from dealib.errors import ValueAt
 from dealib.section import Section
-from dealib.units import Length, Voltage
+from dealib.units import Length, Stress, Voltage
 
 Points = Annotated[int, Field(ge=3)]
+_POINTS = (13, 9, 7)  # of the first axis, the second and the third, unless given
+_MOST = 3
 
 
 class Tables(Section):
-    """Tables F(u, V), Q(u, V), C(u, V) for system simulation, made by `dealib export`."""
+    """Tables of two or three ports for system simulation, made by `dealib export`.
 
-    displacement: tuple[Length, Length] = Field(description="of the mount: first and last")
-    voltage: tuple[Voltage, Voltage] = Field(description="of the terminal: first and last")
-    points: tuple[Points, Points] = Field(
-        (13, 9), description="numbers of displacements and of voltages, equally spaced"
+    Such as {displacement: [0 mm, -2 mm], voltage: [0 V, 2 kV]}: force, charge and capacitance over
+    both. Of several ports of a kind name one or more, {voltage: {left: [0 V, 2 kV]}}; ports that
+    are not named stay as they are at rest.
+    """
+
+    displacement: tuple[Length, Length] | dict[str, tuple[Length, Length]] | None = Field(
+        None, description="of the mount, or of mounts by name: first and last"
+    )
+    voltage: tuple[Voltage, Voltage] | dict[str, tuple[Voltage, Voltage]] | None = Field(
+        None, description="of the terminal, or of terminals by name: first and last"
+    )
+    pressure: tuple[Stress, Stress] | dict[str, tuple[Stress, Stress]] | None = Field(
+        None, description="of the chamber, or of chambers by name: first and last"
+    )
+    points: tuple[Points, ...] | None = Field(
+        None,
+        min_length=2,
+        max_length=_MOST,
+        description="number of values of each, in the order of the keys above, equally spaced; "
+        "default 13, 9 and 7",
     )
 
     @property
-    def axes(self) -> dict[str, tuple[float, ...]]:
-        """First and last value of each variable."""
-        return {"displacement": self.displacement, "voltage": self.voltage}
+    def axes(self) -> dict[str, tuple[float, float]]:
+        """First and last value of each variable, such as 'displacement' or 'voltage.left'."""
+        found: dict[str, tuple[float, float]] = {}
+        for kind in KINDS.values():
+            name = kind.primal.name
+            given = getattr(self, name)
+            if isinstance(given, Mapping):
+                found |= {f"{name}.{port}": ends for port, ends in given.items()}
+            elif given is not None:
+                found[name] = given
+        return found
+
+    @property
+    def grids(self) -> dict[str, npt.NDArray[np.float64]]:
+        """Values of each variable, from the first to the last."""
+        counts = self.points or _POINTS
+        pairs = zip(self.axes.items(), counts, strict=False)
+        return {name: np.linspace(*ends, count) for (name, ends), count in pairs}
 
     def check(self, config: Any) -> None:
         """Raise `ValueAt` if the device has no such tables."""
@@ -39,18 +75,19 @@ class Tables(Section):
         for name in self.axes:
             if name not in config.device.variables:
                 known = ", ".join(config.device.variables)
-                raise ValueAt(("tables", name), f"the device has no {name}; it has {known}")
-
-    @property
-    def grid(self) -> tuple[Any, Any]:
-        """Displacements and voltages from the first to the last, as arrays."""
-        ends = (self.displacement, self.voltage)
-        return tuple(np.linspace(*e, n) for e, n in zip(ends, self.points, strict=True))  # type: ignore[return-value]
+                where = ("tables", *name.split(".", 1))
+                raise ValueAt(where, f"the device has no {name}; it has {known}")
 
     @model_validator(mode="after")
     def _ranges(self) -> Tables:
-        for axis in ("displacement", "voltage"):
-            first, last = getattr(self, axis)
+        axes = self.axes
+        for name, (first, last) in axes.items():
             if first == last:
-                raise ValueAt((axis,), "the first and the last value must differ")
+                where = tuple(name.split(".", 1))
+                raise ValueAt(where, "the first and the last value must differ")
+        if not 2 <= len(axes) <= _MOST:
+            raise ValueAt((), f"tables are of two or three variables, not of {len(axes)}")
+        if self.points is not None and len(self.points) != len(axes):
+            expected = f"expected a number for each of {', '.join(axes)}"
+            raise ValueAt(("points",), f"{expected}, not {len(self.points)} numbers")
         return self

@@ -227,7 +227,7 @@ class Strip(Base):
         half = self.width / 2
         low = 0.0 if draft.symmetry else -half
         names = ("left", "right", None if draft.symmetry else "front", "back")
-        lines = draft.lines("X", self.limits), draft.lines("Y", (low, half), (not low == 0, True))
+        lines = draft.lines("X", self.limits), draft.lines("Y", (low, half), (low != 0, True))
         return plans.symmetric(plans.tensor(*lines, sides=names), draft.symmetry)
 
 

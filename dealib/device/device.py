@@ -54,6 +54,12 @@ class Device:
             for variable in port.kind.variables
         }
 
+    def column(self, name: str) -> str:
+        """Column in the history of a variable such as 'voltage.NAME'."""
+        port = self.variables[name]
+        stem = name.partition(".")[0]
+        return next(port.column(v) for v in port.kind.variables if v.name == stem)
+
     @property
     def solids(self) -> tuple[Region, ...]:
         """Regions with a material."""

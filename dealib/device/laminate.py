@@ -359,7 +359,11 @@ class Laminate:
             low = covered[level - 1] if level else none
             high = covered[level] if level < len(self.layers) else none
             sides = [(level - 1, "top"), (level, "bottom")]
-            for mask, of in ((low & ~high, sides[:1]), (high & ~low, sides[1:]), (low & high, sides)):
+            for mask, of in (
+                (low & ~high, sides[:1]),
+                (high & ~low, sides[1:]),
+                (low & high, sides),
+            ):
                 if not mask.any():
                     continue
                 dielectric = [(k, side) for k, side in of if not self.layers[k].conducts]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, Union
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -195,9 +195,7 @@ class LaminateShape(Section):
         """The laminate."""
         symmetry = "".join(sorted(self.symmetry))
         layers = tuple(self._layers(conducts))
-        return Laminate(
-            self.base, layers, self.air_height, solid=self.solid, symmetry=symmetry
-        )
+        return Laminate(self.base, layers, self.air_height, solid=self.solid, symmetry=symmetry)
 
     def _layers(self, conducts: Conducts) -> Iterator[Layer]:
         for item, suffix in self._items():

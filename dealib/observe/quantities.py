@@ -68,16 +68,24 @@ class Column:
         name: In the history.
         quantity: What it is of.
         ports: Ports that it is of.
+        probe: Whether a probe of the config measures it.
     """
 
     name: str
     quantity: Quantity
     ports: tuple[Port, ...] = ()
+    probe: bool = False
 
     @property
     def unit(self) -> str:
         """Its unit."""
         return self.quantity.unit
+
+    @property
+    def label(self) -> str:
+        """In pictures and tables, such as 'displacement of plate'."""
+        names = [port.name for port in self.ports if port.suffix]
+        return f"{self.quantity.label} of {' and '.join(names)}" if names else self.quantity.label
 
     def measure(self, s: Snapshot) -> float:
         """Its value in a state (collective)."""
@@ -254,7 +262,7 @@ def columns(config: Any) -> dict[str, Column]:
         if probe.take == "integral":
             unit, suffix = "", ""
         quantity = Quantity(name + suffix, unit, name, lambda s, name=name: s.probe(name))
-        found.append(Column(quantity.name, quantity))
+        found.append(Column(quantity.name, quantity, probe=True))
     return {column.name: column for column in found}
 
 

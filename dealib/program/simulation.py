@@ -115,4 +115,3 @@ class Simulation:
 @alone()
 def _next(states: Iterator[State]) -> State | None:
     return next(states, None)
-

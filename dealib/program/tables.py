@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 from dealib.config.case import Case
 from dealib.config.program import Stage
+from dealib.device.device import Device
 from dealib.errors import ConfigError
-from dealib.units import write
+from dealib.units import DIMENSIONS
+
+Grid = npt.NDArray[np.float64]
 
 
 def tables_case(case: Case) -> Case:
-    """The same device on a walk over all nodes, both ports prescribed.
+    """The same device on a walk over all nodes, their ports prescribed.
 
-    Row by row of one displacement, voltage up and down in turn, so that each state is solved from
-    its neighbour.
+    Row by row, the last variable up and down in turn, so that each state is solved from its
+    neighbour.
 
     Raises:
         ConfigError: If the config has no `tables`.
@@ -22,33 +30,43 @@ def tables_case(case: Case) -> Case:
     config = case.config
     if config.tables is None:
         raise ConfigError(
-            f"{case.path}: the key tables is missing; it gives displacements and voltages, such as"
-            " tables: {displacement: [0 mm, -2 mm], voltage: [0 V, 2 kV], points: [9, 9]}"
+            f"{case.path}: the key tables is missing; it gives the ranges of two ports, such as "
+            "tables: {displacement: [0 mm, -2 mm], voltage: [0 V, 2 kV], points: [9, 9]}"
         )
-    displacements, voltages = config.tables.grid
-    stages = [s for s in config.program[:1] if s.stage == "prestrain"]
-    for row, u in enumerate(displacements):
-        across = voltages[:: 1 if row % 2 == 0 else -1]
-        first = {"voltage": write(float(across[0]), "voltage")} if row == 0 else None
-        stages.append(
-            Stage.model_validate(
-                {
-                    "stage": f"row {row + 1}",
-                    "mount": {"displacement": write(float(u), "length")},
-                    "terminal": first,
-                }
-            )
-        )
-        voltage = [write(float(v), "voltage") for v in (across[0], across[-1])]
-        stages.append(
-            Stage.model_validate(
-                {
-                    "stage": f"row {row + 1}, voltages",
-                    "terminal": {"voltage": voltage},
-                    "steps": len(across) - 1,
-                }
-            )
-        )
+    grids = config.tables.grids
+    *_, last = grids
+    program = [s for s in config.program[:1] if s.stage == "prestrain"]
+    here: dict[str, float] = {}
+    for row, (there, along) in enumerate(_rows(list(grids.values())), start=1):
+        to = dict(zip(grids, [*there, along[0]], strict=True))
+        changed = {name: [value] for name, value in to.items() if here.get(name) != value}
+        program.append(_stage(f"row {row}", config.device, changed))
+        ends = {last: [along[0], along[-1]]}
+        title = f"row {row}, {last.partition('.')[0]}s"
+        program.append(_stage(title, config.device, ends, len(along) - 1))
+        here = to | {last: along[-1]}
     return replace(
-        case, config=config.model_copy(update={"program": tuple(stages), "stop_when": ()})
+        case, config=config.model_copy(update={"program": tuple(program), "stop_when": ()})
     )
+
+
+def _rows(grids: Sequence[Grid]) -> Iterator[tuple[list[float], Grid]]:
+    """Values of all variables but the last one, and of the last one along a row; to and fro."""
+    *outer, last = grids
+    for row, index in enumerate(np.ndindex(*map(len, outer))):
+        values = []
+        for k, (grid, i) in enumerate(zip(outer, index, strict=True)):
+            passed = int(np.ravel_multi_index(index[:k], [len(g) for g in outer[:k]])) if k else 0
+            values.append(float(grid[i if passed % 2 == 0 else -1 - i]))
+        yield values, last[:: 1 if row % 2 == 0 else -1]
+
+
+def _stage(name: str, device: Device, given: dict[str, list[float]], steps: int = 1) -> Stage:
+    """A stage that leads variables to a value, or from one to another."""
+    inputs: dict[str, Any] = {}
+    for variable, values in given.items():
+        port, stem = device.variables[variable], variable.partition(".")[0]
+        unit = DIMENSIONS[port.kind.primal.dimension][0]
+        drive = {stem: [f"{float(v)!r} {unit}" for v in values]}
+        inputs.setdefault(f"{port.kind.name}s", {})[port.name] = drive
+    return Stage.model_validate({"stage": name, "steps": steps, **inputs})

@@ -8,24 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dealib.device.records import CHAMBER, KIND_OF, MOUNT, TERMINAL, PortKind
 from dealib.results import stages
 from dealib.results.reader import Run
 
 if TYPE_CHECKING:
+    import pandas
+
     from dealib.config.program import Stage
+    from dealib.device.device import Device
 
 _CLOSED = 1e-6  # of a column's largest value
-_LEAST = 1e-3  # mm, N, kV, uC: smallest such value, above the solver's tolerance
-_PORTS = ["displacement_mm", "voltage_kV"]
-_DRIVEN = {
-    "displacement": ["displacement_mm"],
-    "force": ["force_N"],
-    "mass": ["force_N"],
-    "spring": ["displacement_mm", "force_N"],
-    "bias": ["displacement_mm", "force_N"],
-    "voltage": ["voltage_kV"],
-    "charge": ["charge_uC"],
-}
+_LEAST = 1e-3  # of the columns' units: smallest such value, above the solver's tolerance
 
 
 @dataclass(frozen=True)
@@ -36,10 +30,10 @@ class Cycle:
         name: Its stages.
         first: Step with which it begins.
         last: Step with which it ends.
-        electrical_in: What the terminal delivered, before anything came back.
-        electrical_out: What came back through it.
-        mechanical_in: What the mount delivered, before anything came back.
-        mechanical_out: What came back through it.
+        electrical_in: What the terminals together delivered, before anything came back.
+        electrical_out: What came back through them.
+        mechanical_in: What mounts and chambers together delivered, before anything came back.
+        mechanical_out: What came back through them.
         dissipated: In the device.
     """
 
@@ -54,17 +48,17 @@ class Cycle:
 
     @property
     def electrical(self) -> float:
-        """Net work of the terminal."""
+        """Net work of the terminals."""
         return self.electrical_in - self.electrical_out
 
     @property
     def mechanical(self) -> float:
-        """Net work of the mount."""
+        """Net work of mounts and chambers."""
         return self.mechanical_in - self.mechanical_out
 
     @property
     def transfer(self) -> float:
-        """Work done at the mount over the electrical energy delivered; NaN in a generator."""
+        """Work done at the mounts over the electrical energy delivered; NaN in a generator."""
         if self.electrical_in == 0 or self.electrical < -1e-6 * self.electrical_in:
             return np.nan
         return self.mechanical_out / self.electrical_in
@@ -82,13 +76,14 @@ def cycles(run: Run) -> list[Cycle]:
     """The cycles of a run, in order.
 
     A stage that brings all that it drives back to where it was is one cycle, or several if it is
-    repeated; other cycles are stages at whose end displacement and voltage are those at the end of
-    an earlier one.
+    repeated; other cycles are stages at whose end displacements, voltages and pressures are those
+    at the end of an earlier one.
     """
-    h = run.history
+    h, device = run.history, run.config.device
+    ports = [port.column(port.kind.primal) for port in device.ports]
     open_since, found = [(0, "")], []
     for stage, title, ends in _boundaries(run):
-        driven = _driven(stage)
+        driven = _driven(stage, device)
         for k, row in enumerate(ends):
             before = open_since[-1][0]
             name = f"{title} {k + 1}" if stage.cycles > 1 else title
@@ -96,11 +91,11 @@ def cycles(run: Run) -> list[Cycle]:
             back = bool(driven) and _same(h, before, row, driven)
             returns = back and not _same(h, before, passed, driven)
             starts = [before] if returns else [r for r, _ in open_since]
-            start = next((r for r in starts if returns or _same(h, r, row, _PORTS)), None)
-            still = _same(h, before, passed, _PORTS)
+            start = next((r for r in starts if returns or _same(h, r, row, ports)), None)
+            still = _same(h, before, passed, ports)
             if start is not None and not still:
                 names = [n for r, n in open_since if r > start and n] + [name]
-                found.append(_cycle(h, " - ".join(names), start, row))
+                found.append(_cycle(h, device, " - ".join(names), start, row))
                 open_since = [(row, "")]
             else:
                 open_since.append((row, name))
@@ -121,10 +116,15 @@ def _boundaries(run: Run) -> Iterator[tuple[Stage, str, list[int]]]:
         yield stage, title, [*(int(np.abs(time - t).argmin()) for t in within), int(rows[-1])]
 
 
-def _driven(stage: Stage) -> list[str]:
-    """Columns of what a stage drives; of the anchor of a spring both of the mount's."""
-    names = [port.given[0] for port in (stage.mount, stage.terminal) if port is not None]
-    return [column for name in names for column in _DRIVEN[name]]
+def _driven(stage: Stage, device: Device) -> list[str]:
+    """Columns of what a stage drives; of the anchor of a spring, or of gas, both of the port's."""
+    found = []
+    for name, given in stage.driven(device).items():
+        port, what = device.by_name[name], given.given[0]
+        what = "force" if what == "mass" else what
+        both = port.kind.variables
+        found += [port.column(v) for v in both if v.name == what or what not in KIND_OF]
+    return found
 
 
 def _same(history: Any, row: int, others: int | slice, columns: list[str]) -> bool:
@@ -134,11 +134,12 @@ def _same(history: Any, row: int, others: int | slice, columns: list[str]) -> bo
     return bool((np.abs(values[others] - values[row]) <= _CLOSED * sizes).all())
 
 
-def _cycle(history: Any, name: str, first: int, last: int) -> Cycle:
+def _cycle(history: pandas.DataFrame, device: Device, name: str, first: int, last: int) -> Cycle:
     part = history.iloc[first : last + 1]
 
-    def flows(column: str) -> tuple[float, float]:
-        d = np.diff(part[column])
+    def flows(*kinds: PortKind) -> tuple[float, float]:
+        names = [p.named(f"{kind.name}_work_mJ") for kind in kinds for p in device.of(kind)]
+        d = np.diff(part[names].sum(axis=1))
         return float(d[d > 0].sum()), float(np.abs(d[d < 0]).sum())
 
     lost = part.get("dissipated_energy_mJ")
@@ -146,7 +147,7 @@ def _cycle(history: Any, name: str, first: int, last: int) -> Cycle:
         name,
         int(part["step"].iloc[0]),
         int(part["step"].iloc[-1]),
-        *flows("terminal_work_mJ"),
-        *flows("mount_work_mJ"),
+        *flows(TERMINAL),
+        *flows(MOUNT, CHAMBER),
         0.0 if lost is None else float(lost.iloc[-1] - lost.iloc[0]),
     )

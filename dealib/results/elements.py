@@ -118,7 +118,7 @@ class Cell:
 
     @cached_property
     def gauss(self) -> Array:
-        """Points where derivatives are best: two Gauss points a direction, or those of simplices."""
+        """Points where derivatives are best: two Gauss points a direction, or a simplex's."""
         if self.name == "triangle":
             return np.array([[1, 1], [4, 1], [1, 4]]) / 6
         if self.name == "tetrahedron":

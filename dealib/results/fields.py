@@ -35,7 +35,9 @@ class Fields:
             _Part(
                 material,
                 mesh.cells[cells],
-                local.Points.of(kinematics, material, mesh.cell, mesh.nodes[cells], mesh.cell.gauss),
+                local.Points.of(
+                    kinematics, material, mesh.cell, mesh.nodes[cells], mesh.cell.gauss
+                ),
                 Average(mesh, cells),
                 np.searchsorted(viscous, cells),
             )

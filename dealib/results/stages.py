@@ -1,4 +1,4 @@
-"""Stages of a history: which one each state belongs to, and what drives the mount in it."""
+"""Stages of a history: which one each state belongs to, and what drives the ports in it."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     import pandas
 
     from dealib.config.program import Stage
-
-LED = ("displacement", "path")  # drives that lead the mount, whatever its force
+    from dealib.device.device import Device
 
 
 def numbers(
@@ -61,18 +60,18 @@ def titles(program: Sequence[Stage]) -> list[str]:
     return found
 
 
-def mount_drives(program: Sequence[Stage]) -> list[str]:
-    """What drives the mount in each stage: 'displacement', 'force', ...; 'path' if followed.
+def drives(program: Sequence[Stage], device: Device) -> list[dict[str, str]]:
+    """What drives each port in each stage: 'displacement', 'mass', ...; 'path' if followed.
 
     After a path what was set free stays where it is.
     """
-    found, now = [], "displacement"
+    now = {p.name: (p.kind.dual if p.floating else p.kind.primal).name for p in device.ports}
+    found = []
     for stage in program:
-        if stage.mount is not None:
-            now = stage.mount.given[0]
-        if stage.follow is not None and stage.follow.vary in ("displacement", "force"):
-            found.append("path")
-            now = stage.follow.vary
-        else:
-            found.append(now)
+        now |= {name: given.given[0] for name, given in stage.driven(device).items()}
+        found.append(dict(now))
+        if stage.follow is not None:
+            free = device.variables[stage.follow.vary].name
+            now[free] = stage.follow.vary.partition(".")[0]
+            found[-1][free] = "path"
     return found

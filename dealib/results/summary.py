@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dealib.device.records import CHAMBER, MOUNT, TERMINAL
+from dealib.observe.quantities import columns
 from dealib.results import stages
 
 if TYPE_CHECKING:
@@ -15,9 +17,15 @@ if TYPE_CHECKING:
     from dealib.results.reader import Run
 
 
+def voltages(history: pandas.DataFrame) -> pandas.Series[float]:
+    """Largest voltage of any terminal, kV, row by row."""
+    names = [name for name in history if name.partition(".")[0] == TERMINAL.primal.column]
+    return history[names].abs().max(axis=1)
+
+
 def under_voltage(history: pandas.DataFrame) -> pandas.Series[bool]:
     """Whether there is a voltage, row by row, rounding apart."""
-    voltage = history["voltage_kV"].abs()
+    voltage = voltages(history)
     return voltage > 1e-9 * voltage.max()
 
 
@@ -30,38 +38,63 @@ def stored_note(run: Run) -> str:
 
 @dataclass(frozen=True)
 class Actuation:
-    """What the voltage did in one stage, against the state just before it.
+    """What the voltage did to one quantity in one stage, against the state just before it.
 
     Attributes:
         stage: Name of the stage, numbered if there are several of it.
         peak_voltage: kV.
-        stroke: Largest change of the displacement, mm; None where the mount is held.
-        force_change: Largest change of the force on a mount that is held, N; else None.
+        what: Such as 'stroke'; 'force change' of a mount that is held, 'change of tip' of a probe.
+        value: Largest change.
+        unit: Of it.
+        held: The port that is held, such as 'mount'; empty for none.
     """
 
     stage: str
     peak_voltage: float
-    stroke: float | None = None
-    force_change: float | None = None
+    what: str
+    value: float
+    unit: str
+    held: str = ""
+
+
+_LEAST = 1e-6  # mm, kPa, mm^3: a port that moves less is held
+_STROKE = {MOUNT: "stroke", CHAMBER: "pressure change"}
 
 
 def actuations(run: Run) -> list[Actuation]:
-    """One entry for each stage under voltage, in order, but where the mount is led somewhere."""
-    h, program = run.history, run.config.program
+    """For each stage under voltage what it did to mounts, chambers and probes, in order.
+
+    Ports that are led somewhere, and quantities that are not there, are left out.
+    """
+    h, program, device = run.history, run.config.program, run.config.device
     number = stages.numbers(h, program, run.info.get("stops", ()))
-    titles, drives = stages.titles(program), stages.mount_drives(program)
-    under = under_voltage(h).to_numpy()
+    titles, driven = stages.titles(program), stages.drives(program, device)
+    under, voltage = under_voltage(h).to_numpy(), voltages(h).to_numpy()
+    probes = [c for c in columns(run.config).values() if c.probe and c.name in h]
     found = []
     for k in np.unique(number[under]):
         rows = np.flatnonzero(under & (number == k))
         part = h.iloc[[max(rows[0] - 1, 0), *rows]]
-        at = part[["displacement_mm", "force_N"]].to_numpy()
-        stroke, force = (float(c) for c in np.abs(at - at[0]).max(axis=0))
-        peak = float(part["voltage_kV"].abs().max())
-        if drives[k] not in stages.LED:
-            found.append(Actuation(titles[k], peak, stroke=stroke))
-        elif drives[k] == "displacement" and stroke < 1e-6:
-            found.append(Actuation(titles[k], peak, force_change=force))
+        peak = float(voltage[part.index].max())
+
+        def change(column: str, part: Any = part) -> float:
+            return float((part[column] - part[column].iloc[0]).abs().max())
+
+        for port in (p for kind in _STROKE for p in device.of(kind)):
+            primal, dual = (port.column(v) for v in port.kind.variables)
+            of = f" of {port.name}" if port.suffix else ""
+            drive, told = driven[k][port.name], (titles[k], peak)
+            if drive == port.kind.primal.name:
+                if change(primal) < _LEAST:
+                    what, unit = f"{port.kind.dual.name} change{of}", port.kind.dual.unit
+                    found.append(Actuation(*told, what, change(dual), unit, port.kind.name))
+            elif drive != "path":
+                what, unit = _STROKE[port.kind] + of, port.kind.primal.unit
+                found.append(Actuation(*told, what, change(primal), unit))
+        found += [
+            Actuation(titles[k], peak, f"change of {c.quantity.label}", change(c.name), c.unit)
+            for c in probes
+        ]
     return found
 
 
@@ -75,7 +108,8 @@ class CriticalPoint:
         vary: The variable that was set free, such as 'voltage'.
         value: Of it, in its unit.
         unit: kV, uC, mm or N.
-        displacement: Of the mount, mm.
+        at: The variable that measures the state, such as displacement: its value.
+        at_unit: Its unit.
         modes: Number of unstable modes before and after it; none where the branch ends there.
     """
 
@@ -84,7 +118,8 @@ class CriticalPoint:
     vary: str
     value: float
     unit: str
-    displacement: float
+    at: float
+    at_unit: str
     modes: tuple[int, int | None]
 
     @property
@@ -93,14 +128,14 @@ class CriticalPoint:
         lost = self.modes[0] == 0 and self.what == "limit point"
         if not lost:
             return f"{self.what} of {self.vary}"
-        return f"limit {self.vary}" + (" (pull-in)" if self.vary == "voltage" else "")
+        return f"limit {self.vary}" + (" (pull-in)" if self.vary.startswith("voltage") else "")
 
     @property
     def text(self) -> str:
         """Value, place and stability."""
         before, after = self.modes
         change = "" if after is None else f"; unstable modes {before} -> {after}"
-        return f"{self.value:.7g} {self.unit} at {self.displacement:.6g} mm{change}"
+        return f"{self.value:.7g} {self.unit} at {self.at:.6g} {self.at_unit}{change}"
 
 
 def critical_points(run: Run) -> list[CriticalPoint]:
@@ -109,15 +144,16 @@ def critical_points(run: Run) -> list[CriticalPoint]:
     if "limit_point" not in history:
         return []
     number = stages.numbers(history, program, run.info.get("stops", ()))
-    titles = stages.titles(program)
-    columns = {c.split("_")[0]: c for c in history.columns}
+    titles, device = stages.titles(program), run.config.device
+    known = columns(run.config)
+    mounts = [port.column(MOUNT.primal) for port in device.of(MOUNT)]
     found = []
     for k in history.index[(history["limit_point"] + history["bifurcation"]) > 0]:
         row, stage = history.loc[k], number[k]
         follow = program[stage].follow
         assert follow is not None
-        name = follow.vary
-        column = columns[name]
+        column, along = (device.column(name) for name in follow.pair)
+        at = mounts[0] if mounts else along
         modes = history["unstable_modes"]
         limit = bool(row["limit_point"])
         before = int(modes[k] if limit else modes[k - 1])
@@ -127,10 +163,9 @@ def critical_points(run: Run) -> list[CriticalPoint]:
             CriticalPoint(
                 titles[stage],
                 "limit point" if limit else "bifurcation",
-                name,
-                float(row[column]),
-                column.split("_")[1],
-                float(row["displacement_mm"]),
+                follow.vary,
+                *(float(row[column]), known[column].unit),
+                *(float(row[at]), known[at].unit),
                 (before, after),
             )
         )
@@ -156,7 +191,7 @@ class Margin:
         name: Of the margin.
         meaning: What is compared.
         use: How much is used: 1 is the limit; infinite where there is nothing left at all.
-        where: Radius and height in the mesh.
+        where: Place in the mesh.
         when: Step, time and stage.
         ok: Whether the limit holds.
     """
@@ -182,7 +217,11 @@ def margins(run: Run) -> list[Margin]:
             name,
             meaning,
             float("inf") if m["use"] is None else m["use"],
-            f"R = {m['R_mm']:.4g} mm, Z = {m['Z_mm']:.4g} mm",
+            ", ".join(
+                f"{key.removesuffix('_mm')} = {value:.4g} mm"
+                for key, value in m.items()
+                if key.endswith("_mm")
+            ),
             f"step {m['step']}, t = {m['time_s']:.4g} s, {m['stage']}",
             m["ok"],
         )

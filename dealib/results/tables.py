@@ -1,20 +1,24 @@
-"""Tables of a device for system simulation: F(u, V), Q(u, V), C(u, V), with their interpolant.
+"""Tables of a device for system simulation, with their interpolant.
 
-The interpolant is that of one potential, so that force and charge come from the same energy:
-F = dPi/du, Q = -dPi/dV, and dF/dV = -dQ/du holds everywhere, not only at the nodes. Pi is the
-piecewise bicubic function that has Pi, F and -Q of the solved states at the nodes; between them
-the error of F and Q falls with the third power of the spacing.
+Over displacement and voltage, for instance: F(u, V), Q(u, V), C(u, V). The interpolant is that of
+one potential Pi, so that the duals of all ports come from the same energy: F = dPi/du,
+Q = -dPi/dV, and dF/dV = -dQ/du holds everywhere, not only at the nodes. Pi is the piecewise cubic
+function of each variable that has Pi and its first derivatives at the nodes; between them the
+error of the duals falls with the third power of the spacing.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
+from dealib.device.records import KINDS, PortKind
 from dealib.errors import ConfigError
 from dealib.files import whole, write_text
 from dealib.results.hdf5 import new_hdf5
@@ -24,86 +28,157 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 NAME = "tables"
-AXES = ("displacement_mm", "voltage_kV")
-COLUMNS = ("force_N", "charge_uC", "capacitance_pF", "potential_mJ")
+POTENTIAL = "potential_mJ"
+_KINDS = {kind.primal.column: kind for kind in KINDS.values()}
 
 
-@dataclass(frozen=True)
 class Tables:
-    """A device as two ports, on a grid of displacements and voltages.
+    """A device as two or three ports, on a grid of their values.
+
+    `tables["force_N"]` is an array over the grid, `tables["voltage_kV"]` an axis of it.
 
     Attributes:
-        displacement_mm: Grid, ascending, (n,).
-        voltage_kV: Grid, ascending, (m,).
-        force_N: On the mount, (n, m).
-        charge_uC: On the terminal, (n, m).
-        capacitance_pF: Charge over voltage; at 0 V by a small test voltage, (n, m).
-        potential_mJ: Elastic minus electric energy, Pi, (n, m).
+        axes: Values of each variable by its column, ascending.
+        values: By column, arrays over the grid: the dual of each variable, capacitances, and the
+            potential, elastic less electric energy.
+
+    Args:
+        columns: All of them.
     """
 
-    displacement_mm: Array
-    voltage_kV: Array
-    force_N: Array
-    charge_uC: Array
-    capacitance_pF: Array
-    potential_mJ: Array
-    _mixed: Array = field(init=False, repr=False, compare=False)
+    def __init__(self, columns: Mapping[str, Array]) -> None:
+        self.axes = {n: np.ravel(v) for n, v in columns.items() if _stem(n) in _KINDS}
+        self.values = {n: v for n, v in columns.items() if n not in self.axes}
+        shape = tuple(map(len, self.axes.values()))
+        for name in (POTENTIAL, *map(_dual, self.axes)):
+            if self.values[name].shape != shape:
+                raise ValueError(f"{name} does not fit its grid")
 
-    def __post_init__(self) -> None:
-        from scipy.interpolate import CubicSpline
+    def __getitem__(self, column: str) -> Array:
+        return self.axes[column] if column in self.axes else self.values[column]
 
-        by_force = CubicSpline(self.voltage_kV, self.force_N, axis=1)(self.voltage_kV, 1)
-        by_charge = CubicSpline(self.displacement_mm, self.charge_uC)(self.displacement_mm, 1)
-        object.__setattr__(self, "_mixed", (by_force - by_charge) / 2)  # d2 Pi / du dV
+    def plain(self) -> dict[str, Array]:
+        """All arrays by name."""
+        return {**self.axes, **self.values}
+
+    @property
+    def duals(self) -> dict[str, Array]:
+        """The dual of each axis by its name, such as 'force' or 'charge.left'."""
+        return {
+            _KINDS[_stem(axis)].dual.name + _suffix(axis): self.values[_dual(axis)]
+            for axis in self.axes
+        }
 
     # --- the interpolant -------------------------------------------------------------------------
 
-    def potential(self, displacement: Any, voltage: Any) -> Array:
-        """Pi, mJ, at displacements (mm) and voltages (kV) that broadcast."""
-        return self._derivative(displacement, voltage, 0, 0)
+    def potential(self, *at: Any) -> Array:
+        """Pi, mJ, at values of the axes, in their units, that broadcast.
 
-    def force(self, displacement: Any, voltage: Any) -> Array:
+        Raises:
+            ValueError: Outside the grid, where the tables know nothing.
+        """
+        return self._derivative(at)
+
+    def dual(self, name: str, *at: Any) -> Array:
+        """A dual in the unit of its column.
+
+        Args:
+            name: Such as 'force', 'charge' or 'charge.left'.
+            at: Values of the axes.
+        """
+        axis = self._axis(name)
+        return self._derivative(at, axis) * _factor(axis)
+
+    def slope(self, name: str, by: str, *at: Any) -> Array:
+        """Derivative of a dual by an axis, the others constant, in the units of both columns.
+
+        Args:
+            name: Such as 'force'.
+            by: Such as 'displacement'.
+            at: Values of the axes.
+        """
+        axis = self._axis(name)
+        return self._derivative(at, axis, self._named(by)) * _factor(axis)
+
+    def force(self, *at: Any) -> Array:
         """Force on the mount, N."""
-        return self._derivative(displacement, voltage, 1, 0)
+        return self.dual("force", *at)
 
-    def charge(self, displacement: Any, voltage: Any) -> Array:
+    def charge(self, *at: Any) -> Array:
         """Charge on the terminal, uC."""
-        return -self._derivative(displacement, voltage, 0, 1)
+        return self.dual("charge", *at)
 
-    def stiffness(self, displacement: Any, voltage: Any) -> Array:
-        """DF/du at constant voltage, N/mm."""
-        return self._derivative(displacement, voltage, 2, 0)
+    def stiffness(self, *at: Any) -> Array:
+        """DF/du, N/mm."""
+        return self.slope("force", "displacement", *at)
 
-    def coupling(self, displacement: Any, voltage: Any) -> Array:
-        """DF/dV at constant displacement, which is -dQ/du at constant voltage, N/kV."""
-        return self._derivative(displacement, voltage, 1, 1)
+    def coupling(self, *at: Any) -> Array:
+        """DF/dV, which is -dQ/du, N/kV."""
+        return self.slope("force", "voltage", *at)
 
-    def capacitance(self, displacement: Any, voltage: Any = 0.0) -> Array:
-        """Differential capacitance dQ/dV at constant displacement, pF."""
-        return -1e3 * self._derivative(displacement, voltage, 0, 2)
+    def capacitance(self, *at: Any) -> Array:
+        """Differential capacitance dQ/dV, pF."""
+        return 1e3 * self.slope("charge", "voltage", *at)
 
-    def _derivative(self, displacement: Any, voltage: Any, nu: int, nv: int) -> Array:
-        u, v = np.broadcast_arrays(np.asarray(displacement, float), np.asarray(voltage, float))
-        i, left = _basis(self.displacement_mm, u, nu, "displacement", "mm")
-        j, right = _basis(self.voltage_kV, v, nv, "voltage", "kV")
-        total = np.zeros(u.shape)
-        for a in (0, 1):
-            for b in (0, 1):
-                at = (i + a, j + b)
-                total += left[0][a] * right[0][b] * self.potential_mJ[at]
-                total += left[1][a] * right[0][b] * self.force_N[at]
-                total -= left[0][a] * right[1][b] * self.charge_uC[at]
-                total += left[1][a] * right[1][b] * self._mixed[at]
+    def _axis(self, dual: str) -> str:
+        """The axis of a dual."""
+        for axis in self.axes:
+            if _KINDS[_stem(axis)].dual.name + _suffix(axis) == dual:
+                return axis
+        raise ValueError(f"the tables have no {dual}")
+
+    def _named(self, variable: str) -> str:
+        """The axis of a variable."""
+        for axis in self.axes:
+            if _KINDS[_stem(axis)].primal.name + _suffix(axis) == variable:
+                return axis
+        raise ValueError(f"the tables have no {variable}")
+
+    @cached_property
+    def _nodal(self) -> dict[tuple[bool, ...], Array]:
+        """Derivatives of Pi at the nodes: once by each axis that is True."""
+        names, grids = list(self.axes), list(self.axes.values())
+        found = {}
+        for of in product((False, True), repeat=len(names)):
+            if not any(of):
+                found[of] = self.values[POTENTIAL]
+            elif sum(of) == 1:
+                axis = names[of.index(True)]
+                found[of] = self.values[_dual(axis)] / _factor(axis)
+            else:  # the mean of the ways to it, by splines
+                ways = [
+                    _spline_slope(grids[k], found[(*of[:k], False, *of[k + 1 :])], k)
+                    for k in np.flatnonzero(of)
+                ]
+                found[of] = np.mean(ways, axis=0)
+        return found
+
+    def _derivative(self, at: tuple[Any, ...], *by: str) -> Array:
+        if len(at) != len(self.axes):
+            raise ValueError(f"expected values of {', '.join(self.axes)}")
+        points = np.broadcast_arrays(*(np.asarray(x, float) for x in at))
+        cells, bases = [], []
+        for (name, grid), x in zip(self.axes.items(), points, strict=True):
+            variable = _KINDS[_stem(name)].primal
+            told = variable.name + _suffix(name), variable.unit
+            cell, basis = _basis(grid, x, by.count(name), *told)
+            cells.append(cell)
+            bases.append(basis)
+        total = np.zeros(points[0].shape)
+        for of, values in self._nodal.items():
+            for corner in product((0, 1), repeat=len(cells)):
+                weight: Any = 1.0
+                for basis, slope, side in zip(bases, of, corner, strict=True):
+                    weight = weight * basis[slope][side]
+                total += weight * values[tuple(c + s for c, s in zip(cells, corner, strict=True))]
         return total
 
     # --- files -----------------------------------------------------------------------------------
 
-    def plain(self) -> dict[str, Array]:
-        """All arrays by name."""
-        return {name: getattr(self, name) for name in (*AXES, *COLUMNS)}
-
     def save(self, folder: Path) -> list[Path]:
         """Write tables.csv (one row a node), tables.h5 and tables.mat; returns their paths.
+
+        In Octave's names dots are underscores.
 
         Raises:
             PlatformError: If the disk refuses.
@@ -111,16 +186,44 @@ class Tables:
         from scipy.io import savemat
 
         paths = [folder / f"{NAME}.{ending}" for ending in ("csv", "h5", "mat")]
-        u, v = np.meshgrid(self.displacement_mm, self.voltage_kV, indexing="ij")
-        rows = np.stack([u, v, *(getattr(self, c) for c in COLUMNS)], axis=-1).reshape(-1, 6)
-        lines = [",".join((*AXES, *COLUMNS)), *(",".join(map(repr, r)) for r in rows.tolist())]
+        nodes = np.meshgrid(*self.axes.values(), indexing="ij")
+        rows = np.stack([*nodes, *self.values.values()], axis=-1).reshape(-1, len(self.plain()))
+        lines = [",".join(self.plain()), *(",".join(map(repr, r)) for r in rows.tolist())]
         write_text(paths[0], "\n".join(lines) + "\n")
         with new_hdf5(paths[1]) as file:
             for name, values in self.plain().items():
                 file[name] = values
+            file.attrs["columns"] = list(self.plain())
         with whole(paths[2]) as temporary:
-            savemat(str(temporary), self.plain(), oned_as="row")
+            plain = {name.replace(".", "_"): values for name, values in self.plain().items()}
+            plain["columns"] = np.array(list(self.plain()), dtype=object)
+            savemat(str(temporary), plain, oned_as="row")
         return paths
+
+
+def _stem(column: str) -> str:
+    return column.partition(".")[0]
+
+
+def _suffix(column: str) -> str:
+    return column[len(_stem(column)) :]
+
+
+def _dual(axis: str) -> str:
+    """Column of what is dual to an axis."""
+    return _KINDS[_stem(axis)].dual.column + _suffix(axis)
+
+
+def _factor(axis: str) -> float:
+    """The dual of an axis over the derivative of Pi by it, both in the units of their columns."""
+    kind: PortKind = _KINDS[_stem(axis)]
+    return kind.sign * kind.primal.factor * kind.dual.factor
+
+
+def _spline_slope(grid: Array, values: Array, axis: int) -> Array:
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(grid, values, axis=axis)(grid, 1))
 
 
 def _basis(grid: Array, x: Array, order: int, name: str, unit: str) -> tuple[Any, Any]:
@@ -131,7 +234,7 @@ def _basis(grid: Array, x: Array, order: int, name: str, unit: str) -> tuple[Any
         the node below and to the one above.
 
     Raises:
-        ValueError: Outside the grid, where the tables know nothing.
+        ValueError: Outside the grid.
     """
     slack = 1e-12 * (grid[-1] - grid[0])
     if (x < grid[0] - slack).any() or (x > grid[-1] + slack).any() or np.isnan(x).any():
@@ -155,20 +258,29 @@ def collect(run: Run) -> Tables:
     wanted = run.config.tables
     if wanted is None:
         raise ConfigError(f"{run.directory}: its config has no tables; see dealib export")
-    h = run.history
+    h, device = run.history, run.config.device
+    axes = {device.column(n): np.sort(_in_column(device, n, g)) for n, g in wanted.grids.items()}
+    names = [*map(_dual, axes), *(c for c in h if _stem(c) == "capacitance_pF")]
     potential = h["elastic_energy_mJ"] - h["electric_energy_mJ"]
-    values = np.column_stack([h[c] for c in COLUMNS[:-1]] + [potential])
-    u, v = (np.sort(axis) for axis in wanted.grid)
-    at = h[list(AXES)].to_numpy()
-    found = np.full((len(u), len(v), 4), np.nan)
-    for i, j in np.ndindex(len(u), len(v)):
-        off = np.hypot((at[:, 0] - u[i]) / np.ptp(u), (at[:, 1] - v[j]) / np.ptp(v))
+    values = np.column_stack([*(h[c] for c in names), potential])
+    sizes = np.array([np.ptp(grid) for grid in axes.values()])
+    at, shape = h[list(axes)].to_numpy(), tuple(map(len, axes.values()))
+    found = np.full((*shape, len(names) + 1), np.nan)
+    for index in np.ndindex(*shape):
+        node = np.array([grid[i] for grid, i in zip(axes.values(), index, strict=True)])
+        off = np.linalg.norm((at - node) / sizes, axis=1)
         if off.min() < 1e-9:
-            found[i, j] = values[int(off.argmin())]
+            found[index] = values[int(off.argmin())]
     if np.isnan(found).any():
-        missing = int(np.isnan(found[..., 0]).sum())
-        raise ConfigError(f"{run.directory}: {missing} of {len(u) * len(v)} nodes are not solved")
-    return Tables(u, v, *np.moveaxis(found, -1, 0))
+        missing = int(np.isnan(found[..., -1]).sum())
+        raise ConfigError(f"{run.directory}: {missing} of {np.prod(shape)} nodes are not solved")
+    columns = zip([*names, POTENTIAL], np.moveaxis(found, -1, 0), strict=True)
+    return Tables({**axes, **dict(columns)})
+
+
+def _in_column(device: Any, variable: str, grid: Array) -> Array:
+    """Values of a variable in the unit of its column."""
+    return np.asarray(grid * device.variables[variable].kind.primal.factor)
 
 
 def load(path: str | Path) -> Tables:
@@ -182,24 +294,30 @@ def load(path: str | Path) -> Tables:
     if not file.is_file():
         raise ConfigError(f"{path}: no tables here; dealib export CONFIG makes them")
     try:
-        return Tables(**_read(file))
+        return Tables(dict(_read(file)))
     except Exception as error:  # the readers raise theirs as they come
         raise ConfigError(f"{file}: no tables of dealib ({error})") from None
 
 
-def _read(file: Path) -> dict[str, Array]:
-    names = (*AXES, *COLUMNS)
+def _read(file: Path) -> Iterator[tuple[str, Array]]:
     if file.suffix == ".h5":
         import h5py
 
         with h5py.File(file, "r") as content:
-            return {name: np.asarray(content[name][:]) for name in names}
-    if file.suffix == ".mat":
+            yield from ((name, np.asarray(content[name][:])) for name in content.attrs["columns"])
+    elif file.suffix == ".mat":
         from scipy.io import loadmat
 
-        found = loadmat(str(file))
-        return {name: found[name].ravel() if name in AXES else found[name] for name in names}
-    rows: Any = np.sort(np.genfromtxt(file, delimiter=",", names=True), order=AXES)
-    u, v = (np.unique(rows[axis]) for axis in AXES)
-    shape = (len(u), len(v))
-    return dict(zip(AXES, (u, v), strict=True)) | {c: rows[c].reshape(shape) for c in COLUMNS}
+        found = loadmat(str(file), chars_as_strings=True)
+        for name in (str(np.ravel(n)[0]) for n in np.ravel(found["columns"])):
+            yield name, found[name.replace(".", "_")]
+    else:
+        import pandas as pd
+
+        rows = pd.read_csv(file, float_precision="round_trip")
+        axes = [name for name in rows if _stem(name) in _KINDS]
+        rows = rows.sort_values(axes)
+        grids = {axis: np.unique(rows[axis]) for axis in axes}
+        yield from grids.items()
+        shape = tuple(map(len, grids.values()))
+        yield from ((n, rows[n].to_numpy().reshape(shape)) for n in rows if n not in grids)

@@ -11,7 +11,6 @@ from dealib.config.materials import ElectrodeMaterial
 from dealib.config.schema import Name
 from dealib.errors import ValueAt, did_you_mean
 from dealib.section import Section
-from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression, Signature
 from dealib.units import Length, Time
 
 Limits = tuple[float, float]
