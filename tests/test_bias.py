@@ -214,8 +214,8 @@ def test_a_second_film_of_other_stiffness_law_or_library(given, changes, wanted)
     same = {"relative_permittivity": 4.03, "prestretch": 1.108}
     film = SecondFilm(distance="4 mm", set={f"materials.film.{k}": v for k, v in changes.items()})
     config = case(CONE, materials__film=given | same).config
-    found = second_device(config, film).materials.film
-    assert found == case(CONE, materials__film=wanted | same).config.materials.film
+    found = second_device(config, film).materials["film"]
+    assert found == case(CONE, materials__film=wanted | same).config.materials["film"]
 
 
 def test_leaving_a_table_is_a_warning(tmp_path):

@@ -19,11 +19,11 @@ FLAT = {"mesh__columns": 8, "mesh__film_rows": 1, "physics__formulation": "displ
 
 
 def test_config_gives_a_number_or_a_line(tmp_path):
-    film = case("membrane").config.materials.film
+    film = case("membrane").config.materials["film"]
     assert film.relative_permittivity == 3.0
     assert (film.permittivity.intercept, film.permittivity.slope) == (3.0, 0.0)
     config = case("membrane", materials__film__relative_permittivity=BY_STRETCH).config
-    assert config.materials.film.permittivity.at(1.2) == pytest.approx(2.424)
+    assert config.materials["film"].permittivity.at(1.2) == pytest.approx(2.424)
     path = tmp_path / "resolved.yaml"
     path.write_text(resolved(config))
     assert dealib.load(path).config == config

@@ -120,7 +120,7 @@ def test_stress_jumps_at_the_faces(strip_run):
 def strip_run_thickness():
     from dealib.materials import thickness_stretch
 
-    return thickness_stretch(case("benchmark_strip").config.materials.film, 1.15, 1.15)
+    return thickness_stretch(case("benchmark_strip").config.materials["film"], 1.15, 1.15)
 
 
 def test_field_in_the_film(strip_run):

@@ -175,7 +175,7 @@ def test_a_fresh_film_carries_the_prestretch_and_relaxes():
         "solver__time_tolerance": 1e-4,
     }
     relaxed, fresh = history(**film), history(materials__film__mounted="fresh", **film)
-    law = case(**film).config.materials.film
+    law = case(**film).config.materials["film"]
     i = invariants_of_stretches(1.2, thickness_stretch(law, 1.2, 1.2), 1.2)
     volume = np.pi * (12**2 - 8**2) * 0.05 / i.J  # mm^3, unstretched
     stored = 0.15 / 2 * (i.I1 - 3) * volume
@@ -423,7 +423,7 @@ def test_a_second_film_has_no_branches():
     with pytest.raises(ConfigError, match="a second film answers at once"):
         case(program=f"[{film % ''}]")
     plain = ", set: {materials.film.branches: [], materials.electrode.branches: []}"
-    assert case(program=f"[{film % plain}]").config.materials.film.branches
+    assert case(program=f"[{film % plain}]").config.materials["film"].branches
 
 
 # --- shipped configs ------------------------------------------------------------------------------

@@ -278,6 +278,11 @@ class Config(Section):
                     ("materials", "electrode"),
                     "this key is missing, but geometry.electrode_thickness is above zero",
                 )
+            if "film" in known and known["film"].conducts:
+                raise ValueAt(
+                    ("materials", "film", "relative_permittivity"),
+                    "this key is missing; without it the film would be a conductor",
+                )
         elif self.physics.coupling != "energy":
             raise ValueAt(("physics", "coupling"), "other devices than annular_strips: energy only")
         check_inputs(self.program, self.device)

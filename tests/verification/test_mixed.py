@@ -88,7 +88,7 @@ def test_stress_and_energy_of_the_stretched_film_at_rest():
     # neo-Hooke, incompressible: Cauchy stress mu (l^2 - l^-4), on the mounted area
     assert S[:, 0, 0] == pytest.approx(np.full(len(S), 1.2**2 - 1.2**-4), rel=1e-4)
     assert np.abs(S[:, 1, 1]).max() < 1e-9
-    film, g = case.config.materials.film, case.config.geometry
+    film, g = case.config.materials["film"], case.config.geometry
     lz = local.region_materials(case.config)["film"].prestretch[1]
     volume = np.pi * (g.outer_radius**2 - g.inner_radius**2) * g.film_thickness
     density = film.energy(invariants_of_stretches(1.2, lz, 1.2), SimpleNamespace(**film.parameters))
