@@ -7,8 +7,8 @@ from pathlib import Path
 import typer
 
 from dealib.config.case import Case
+from dealib.device import gmsh_model
 from dealib.errors import ConfigError
-from dealib.geometry import model
 
 
 def write_mesh(case: Case, path: Path, view: Path | None, overwrite: bool) -> None:
@@ -31,7 +31,7 @@ def write_mesh(case: Case, path: Path, view: Path | None, overwrite: bool) -> No
             raise ConfigError(f"{target} exists; choose another name, or --overwrite it")
         if not target.parent.is_dir():
             raise ConfigError(f"{target}: there is no folder {target.parent}")
-    counts = model.write(case.config, path)
+    counts = gmsh_model.write(case.config, path)
     cells = ", ".join(f"{name} {n}" for name, n in counts.items())
     typer.echo(f"{path}: {sum(counts.values())} cells ({cells})")
     if view is not None:
