@@ -104,10 +104,11 @@ def device(
     laminate = geometry.laminate(lambda material: conductors.get(material, False))
     if sheet:
         laminate = _as_sheet(laminate)
-    for k, layer in enumerate(laminate.layers):
+    for layer in laminate.layers:
         if layer.material not in conductors:
-            where: Path_ = ("geometry",)
-            raise ValueAt(where, f"layer {k + 1} is of {layer.material!r}, which `materials` lacks")
+            hint = did_you_mean(layer.material, list(conductors))
+            problem = f"there is no {layer.material!r}, of which the layer {layer.name!r} is{hint}"
+            raise ValueAt(("materials",), problem)
     if all(layer.conducts for layer in laminate.layers):
         problem = "all layers conduct: at least one needs a material with relative_permittivity"
         raise ValueAt(("geometry",), problem)

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from dolfinx import fem
 
 from dealib.device.records import PHI, TERMINAL, Support
-from dealib.errors import ConfigError
+from dealib.errors import ValueAt
 from dealib.fem.domain import Domain, Spaces
 
 FIELDS = ("displacement", "potential", "air mesh", "pressure")
@@ -107,7 +107,7 @@ def build(domain: Domain, spaces: Spaces) -> ConstraintMap:
     """Number the reduced unknowns of a device (collective).
 
     Raises:
-        ConfigError: If two terminals touch.
+        ValueAt: If two terminals touch.
     """
     W, comm, device = spaces.W, domain.comm, domain.device
     index_map = W.dofmap.index_map
@@ -182,10 +182,11 @@ def _check_apart(domain: Domain, support: Support, before: Ints, target: int) ->
     if other < 0:
         return
     names = [port.name for port in domain.device.ports]
-    one, two = (names[k - _FIRST_PORT] if k >= _FIRST_PORT else "ground" for k in (other, target))
-    raise ConfigError(
-        f"the {TERMINAL.name}s {one!r} and {two!r} touch at {support.where!r}: leave a gap between "
-        "them, or make them one"
+    found = [names[k - _FIRST_PORT] for k in (target, other) if k >= _FIRST_PORT]
+    raise ValueAt(
+        (f"{TERMINAL.name}s", found[0]),
+        f"it touches {found[1] if found[1:] else 'ground'!r}; leave a gap between them, or make "
+        "them one",
     )
 
 
