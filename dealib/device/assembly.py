@@ -306,6 +306,9 @@ def _of_mesh(
                 f"`regions`, such as regions: {{{name}: {next(iter(conductors), 'film')}}}"
             )
             raise ValueAt(("geometry", "file"), problem)
+    if all(r.material is None or conductors[r.material] for r in regions):
+        problem = "none of its regions is of a material with relative_permittivity"
+        raise ValueAt(("geometry", "file"), problem)
     for part in ("terminals", "holds"):
         if getattr(given, part) is None:
             raise ValueAt(

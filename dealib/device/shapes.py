@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, Union
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from dealib.device.bases import Annulus, AnyBase, Base, Rectangle, check_radii
 from dealib.device.kinematics import SPACES, Kinematics
@@ -13,7 +13,7 @@ from dealib.device.laminate import Blocks, Laminate, Layer, Part
 from dealib.device.plan import SQUARE
 from dealib.errors import ValueAt
 from dealib.section import Section
-from dealib.units import Length
+from dealib.units import Length, factor
 
 Conducts = Callable[[str], bool]  # whether a material is a conductor
 Path_: TypeAlias = tuple[str | int, ...]
@@ -254,6 +254,12 @@ class MeshShape(Section):
         """Its space."""
         space = SPACES[self.space]
         return space if self.width is None else space.times(self.width)
+
+    @field_validator("unit")
+    @classmethod
+    def _length(cls, unit: str) -> str:
+        factor(unit, "mm")
+        return unit
 
     @model_validator(mode="after")
     def _wide(self) -> MeshShape:
