@@ -327,5 +327,4 @@ def _of_mesh(
     driven, ports = _driven(
         parts, given.mounts or {}, given.holds or (), given.terminals or {}, given.chambers or {}
     )
-    axis = [Support("R", "axis")] if kinematics.revolved and "axis" in parts.boundaries else []
-    return Device(kinematics, parts.regions, (*axis, *driven), ports, boundaries=parts.boundaries)
+    return Device(kinematics, parts.regions, tuple(driven), ports, boundaries=parts.boundaries)

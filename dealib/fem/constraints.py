@@ -16,6 +16,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from dolfinx import mesh as dmesh
 
 from dealib.device.records import PHI, TERMINAL, Support
 from dealib.errors import ValueAt
@@ -122,6 +123,8 @@ def build(domain: Domain, spaces: Spaces) -> ConstraintMap:
         if support.quantity == PHI:
             _check_apart(domain, support, kind[dofs], target)
         kind[dofs] = target
+    if device.kinematics.revolved and device.kinematics.lies[0] == 0:
+        kind[_on_axis(domain, spaces)] = _ZERO
     pressure = np.zeros(total, bool)
     if spaces.pressure_element is not None:  # it lives in the solids only
         pressure[_dofs(W, (2,), domain.dim, domain.all_cells)] = True
@@ -173,6 +176,13 @@ def _support_dofs(domain: Domain, spaces: Spaces, support: Support) -> Ints:
     if not domain.has(support.where):
         return np.empty(0, np.int32)
     return _dofs(spaces.W, path, *domain.entities(support.where))
+
+
+def _on_axis(domain: Domain, spaces: Spaces) -> Ints:
+    """Radial displacements on the axis of revolution, where there are none."""
+    near, dim = 1e-9 * domain.sizes.span, domain.dim - 1
+    facets = dmesh.locate_entities_boundary(domain.mesh, dim, lambda x: np.abs(x[0]) < near)
+    return _dofs(spaces.W, (0, 0), dim, facets)
 
 
 def _check_apart(domain: Domain, support: Support, before: Ints, target: int) -> None:
