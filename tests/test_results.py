@@ -141,7 +141,7 @@ def test_field_in_the_film(strip_run):
 
 def test_layout_scatter_is_the_inverse_of_gather():
     problem = build_problem(case("benchmark_strip_air", mesh__columns=16).config, MPI.COMM_SELF)
-    layout = Layout.of(problem.domain, problem.spaces)
+    layout = Layout.of(problem)
     w = problem.spaces.w
     w.x.array[:] = np.random.default_rng(0).standard_normal(len(w.x.array))
     before = w.x.array.copy()

@@ -398,7 +398,7 @@ def test_stress_of_the_results_is_that_of_the_equilibrium(name):
     branches = [(*b, name) for b in viscous.BRANCHES]
     bench = viscous.Viscous(viscous.LAW, branches, viscous.CONFINED)
     bench.through(0.5, 5, mount=0.1 * viscous.THICKNESS)
-    layout = Layout.of(bench.problem.domain, bench.problem.spaces)
+    layout = Layout.of(bench.problem)
     internal = bench.viscosity.at_points(bench.viscosity.gather())
     found = dealib.results.fields.fields(
         bench.problem.config, layout.mesh, layout.gather(), internal

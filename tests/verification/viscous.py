@@ -67,7 +67,7 @@ class Viscous(Bench):
             **held,
         )
         super().__init__(given)
-        layout = Layout.of(self.problem.domain, self.problem.spaces)
+        layout = Layout.of(self.problem)
         self.viscosity = Viscosity(self.problem, layout)
         self.viscosity.rest()
         self.time, self._predictor = 0.0, Predictor(3, retrace=False)
