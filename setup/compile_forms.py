@@ -14,13 +14,14 @@ def main() -> int:
     from mpi4py import MPI
 
     root = pathlib.Path(__file__).parent.parent / "configs"
-    for path in sorted(root.glob("*.yaml")):
+    for path in sorted((*root.glob("*.yaml"), *root.glob("devices/*.yaml"))):
         try:
             problem = build_problem(load(path).config, MPI.COMM_SELF)
         except DealibError as error:
             print(f"setup: {error}", file=sys.stderr)
             return error.exit_code
-        for form in FORMS:
+        of_ports = (f"{kind} {port}" for port in problem.values for kind in ("dual", "column"))
+        for form in (*FORMS, *of_ports):
             problem.form(form)
     return 0
 

@@ -11,7 +11,10 @@ import pandas as pd
 import pytest
 
 import dealib
-from dealib.geometry.model import gmsh_model
+from dealib.config import Config
+from dealib.device.gmsh_model import gmsh_model
+from dealib.results import local
+from dealib.results.margins import Film, mounted_fresh
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 CONFIGS = Path(__file__).parent.parent / "configs"
@@ -33,6 +36,12 @@ def _history(name: str, changes: tuple[tuple[str, object], ...]) -> pd.DataFrame
 def history(name: str, **changes: object) -> pd.DataFrame:
     """The history of a shipped config with changes, computed once."""
     return _history(name, tuple(sorted(changes.items())))
+
+
+def film_of(config: Config) -> Film:
+    """What margins need of the film of a config."""
+    material, (region, *_) = local.film_groups(config)["film"]
+    return Film.of(material, mounted_fresh(config, region))
 
 
 def thinned(given: dealib.Case, path: Path, thickness: Callable[[float], float]) -> Path:

@@ -27,13 +27,13 @@ class Split:
         self.path = directory / "split.json"
 
     def start(self, simulation: Simulation) -> None:
-        device, comm = simulation.problem.device, simulation.comm
-        cells_of = device.mesh.topology.connectivity(1, 2)
-        owned = compat.local_cells(device.mesh)
+        domain, comm = simulation.engine.problem.domain, simulation.comm
+        cells_of = domain.mesh.topology.connectivity(1, 2)
+        owned = compat.local_cells(domain.mesh)
 
         def mine(name: str) -> int:
-            entities = device.entities(name)
-            if device.groups[name][0] == 2:
+            dim, entities = domain.entities(name)
+            if dim == domain.dim:
                 return int(np.sum(entities < owned))
             return sum(int(cells_of.links(facet).min() < owned) for facet in entities)
 

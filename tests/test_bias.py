@@ -15,9 +15,10 @@ import dealib
 from dealib.cli.app import app
 from dealib.config.bias import Bistable, Sampled, SecondFilm, Spring, Table, second_device
 from dealib.config.program import MountInput
+from dealib.device.records import MOUNT, Port
 from dealib.errors import ConfigError
 from dealib.program.bias_chart import chart
-from dealib.program.inputs import Drive, law, mount_drives
+from dealib.program.inputs import Drive, drives, law
 from dealib.program.progress import Progress
 from dealib.units import GRAVITY
 
@@ -85,34 +86,37 @@ def test_sampled_forces_are_fifth_order():
 # --- drives --------------------------------------------------------------------------------------
 
 
+PLATE = Port(MOUNT, "mount", ("inner",))
+
+
 def bias(*elements):
     return MountInput.model_validate({"bias": list(elements)})
 
 
 def test_elements_add_up_and_the_hand_lets_go():
     given = bias({"mass": "10 g"}, {"spring": {"stiffness": "0.2 N/mm", "anchor": "-3 mm"}})
-    drives = mount_drives(given, -1.0, -0.5)
+    found = drives(PLATE, given, -1.0, -0.5)
     weight, spring = -0.010 * GRAVITY, -0.2 * (-1 + 3)
-    assert law(drives, 0.0).balance(-1.0) == (pytest.approx(-0.5), pytest.approx(-0.2))
-    assert law(drives, 0.5).balance(-1.0)[0] == pytest.approx((-0.5 + weight + spring) / 2)
-    assert law(drives, 1.0).balance(-1.0)[0] == pytest.approx(weight + spring)
-    settled = mount_drives(given, -1.0, weight + spring)
+    assert law(found, 0.0).balance(-1.0) == (pytest.approx(-0.5), pytest.approx(-0.2))
+    assert law(found, 0.5).balance(-1.0)[0] == pytest.approx((-0.5 + weight + spring) / 2)
+    assert law(found, 1.0).balance(-1.0)[0] == pytest.approx(weight + spring)
+    settled = drives(PLATE, given, -1.0, weight + spring)
     assert len(settled) == 2  # there is nothing to let go of
 
 
 def test_anchors_move_on_from_where_they_were():
-    first = mount_drives(bias({"spring": {"stiffness": "0.2 N/mm", "anchor": "-3 mm"}}), 0.0, -0.6)
+    first = drives(PLATE, bias({"spring": {"stiffness": "0.2 N/mm", "anchor": "-3 mm"}}), 0.0, -0.6)
     moved = bias({"spring": {"stiffness": "0.2 N/mm", "anchor": "-4 mm"}})
-    assert mount_drives(moved, 0.0, -0.6, first)[0].knots == (-3.0, -4.0)
+    assert drives(PLATE, moved, 0.0, -0.6, first)[0].knots == (-3.0, -4.0)
     other = bias({"spring": {"stiffness": "0.3 N/mm", "anchor": "-4 mm"}})
-    assert mount_drives(other, 0.0, -0.6, first)[0].knots == (-4.0, -4.0)
+    assert drives(PLATE, other, 0.0, -0.6, first)[0].knots == (-4.0, -4.0)
 
 
 def test_progress_survives_json():
     given = bias({"mass": "10 g"}, {"bistable": {"rate": "-0.1 N/mm", "well": "1 mm",
                                                  "anchor": ["0 mm", "-1 mm"]}})  # fmt: skip
     sampled = Drive("a", "mm", "device", (0.0, 1.0), element=ELEMENTS[3])
-    progress = Progress(drives={"mount": (*mount_drives(given, 0.1, 0.3), sampled)})
+    progress = Progress(drives={"mount": (*drives(PLATE, given, 0.1, 0.3), sampled)})
     again = Progress.of(json.loads(json.dumps(progress.plain())))
     assert again == progress
     assert law(again.drives["mount"], 0.3).balance(0.2) == law(
@@ -210,8 +214,8 @@ def test_a_second_film_of_other_stiffness_law_or_library(given, changes, wanted)
     same = {"relative_permittivity": 4.03, "prestretch": 1.108}
     film = SecondFilm(distance="4 mm", set={f"materials.film.{k}": v for k, v in changes.items()})
     config = case(CONE, materials__film=given | same).config
-    found = second_device(config, film).materials.film
-    assert found == case(CONE, materials__film=wanted | same).config.materials.film
+    found = second_device(config, film).materials["film"]
+    assert found == case(CONE, materials__film=wanted | same).config.materials["film"]
 
 
 def test_leaving_a_table_is_a_warning(tmp_path):

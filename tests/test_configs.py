@@ -76,7 +76,7 @@ def test_displacement_control_blocks_the_stroke(name):
     held, full = h.loc[11], h.loc[21]
     assert held["displacement_mm"] == full["displacement_mm"]
     assert held["force_N"] < full["force_N"] < 0  # the voltage relieves the mount
-    g, film = case(name).config.geometry, case(name).config.materials.film
+    g, film = case(name).config.geometry, case(name).config.materials["film"]
     area = np.pi * (g.outer_radius**2 - g.inner_radius**2)
     flat = EPSILON_0 * film.relative_permittivity * area / g.film_thickness * 1e3
     assert h.loc[0, "capacitance_pF"] == pytest.approx(flat, rel=1e-6)

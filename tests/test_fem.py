@@ -180,7 +180,7 @@ def test_clamped_device_cycles_and_fringes():
 
     from dealib.results.fields import fields
 
-    mesh = simulation.layout.mesh
+    mesh = simulation.engine.layout.mesh
     D = fields(h_case.config, mesh, nodal)["D"]
     film = np.unique(mesh.cells[mesh.in_region("film")])
     for height in (0.015, -0.015):

@@ -276,7 +276,7 @@ def test_a_flat_film_buckles_where_its_tension_is_gone():
     assert h["unstable_modes"].is_monotonic_increasing
     assert h["unstable_modes"].iloc[-1] > 5
     # tension at rest, by hand: mu (lp^2 - lz^2) J^(-5/3), balanced by the field's eps E^2
-    g, film = case("pull_in").config.geometry, case("pull_in").config.materials.film
+    g, film = case("pull_in").config.geometry, case("pull_in").config.materials["film"]
     lp = film.prestretch[0]
     lz = thickness_stretch(film, lp, lp)
     stress = film.shear_modulus * (lp**2 - lz**2) * (lp**2 * lz) ** (-5 / 3)

@@ -18,7 +18,7 @@ from dealib.cli.mpi import environment, mpirun
 from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem
 from dealib.fem.system import PortLaw, Timings
-from dealib.geometry.model import gmsh_model
+from dealib.device.gmsh_model import gmsh_model
 
 HERE = Path(__file__).parent
 SMALL = {"mesh__columns": 16, "mesh__film_rows": 2}
@@ -70,8 +70,7 @@ def test_tangent_is_the_derivative_of_the_residual(name, changes):
 
 def test_pressure_lives_in_the_solids_only():
     problem = build_problem(case("benchmark_strip_air", **SMALL, **MIXED).config, MPI.COMM_SELF)
-    device = problem.device
-    solid = len(device.cells("film", "top_electrode", "bottom_electrode"))
+    solid = len(problem.domain.cells("film", "top_electrode", "bottom_electrode"))
     assert np.count_nonzero(problem.constraints.field == 3) == 3 * solid  # linear in each cell
 
 
@@ -149,5 +148,5 @@ def test_mixed_form_on_triangles(tmp_path, monkeypatch):
     changes = small | {"mesh__file": str(tmp_path / "triangles.msh"), "program": program}
     simulation = dealib.Simulation(case("benchmark_strip", **changes))
     *_, last = simulation
-    assert simulation.layout.cell.name == "triangle"
+    assert simulation.engine.layout.cell.name == "triangle"
     assert last.row["force_N"] == pytest.approx(squares["force_N"][12], rel=5e-3)

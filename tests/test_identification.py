@@ -86,7 +86,7 @@ def test_less_pre_stretch_and_a_constant_pressure_make_strokes_fall():
 def test_configs_hold_the_identified_values(name):
     p, config = identified(), case(name).config
     size = name.split("_")[0].removeprefix("deap")
-    g, film = config.geometry, config.materials.film
+    g, film = config.geometry, config.materials["film"]
     assert g.inner_radius == pytest.approx(getattr(p, f"inner_{size}"), abs=0.005)
     assert g.outer_radius == pytest.approx(getattr(p, f"outer_{size}"), abs=0.005)
     assert g.film_thickness == pytest.approx(p.film_thickness, abs=5e-5)

@@ -10,7 +10,7 @@ from conftest import case
 import dealib
 from dealib.config.schema import Solver
 from dealib.errors import NotConverged
-from dealib.program.increments import Increments, Place
+from dealib.program.increments import Increments, StageClock
 from dealib.program.predictor import Predictor
 
 
@@ -59,7 +59,7 @@ class FakeNewton:
         q.value = self.input
 
 
-def drive(newton, targets, corners=(), path=lambda t: t, place=None, order=1, **settings):
+def drive(newton, targets, corners=(), path=lambda t: t, clock=None, order=1, **settings):
     """Times of the converged states."""
 
     def apply(at):
@@ -68,12 +68,12 @@ def drive(newton, targets, corners=(), path=lambda t: t, place=None, order=1, **
 
     predictor = Predictor(order)
     predictor.add(0.0, (path(0.0),), newton.system.q)
-    increments = Increments(newton, Solver(**settings), predictor, place)
+    increments = Increments(newton, Solver(**settings), predictor, clock)
     run = increments.run(targets, set(corners), apply, lambda at: f"stopped on the way to {at:g}")
     times = []
     for time in run:
         assert newton.system.q.value == pytest.approx(path(time), abs=1e-14)
-        assert increments.place.now == time
+        assert increments.clock.now == time
         times.append(time)
     return times
 
@@ -103,11 +103,11 @@ def test_no_sliver_before_a_target():
 
 def test_growth_while_steps_are_easy_and_none_while_they_are_hard():
     newton = FakeNewton(reach=0.1, iterations=3)
-    place = Place(size=1 / 64)
-    easy = drive(newton, [1.0], place=place, order=0, target_iterations=4)
+    clock = StageClock(size=1 / 64)
+    easy = drive(newton, [1.0], clock=clock, order=0, target_iterations=4)
     assert easy[:3] == pytest.approx([1 / 64, 3 / 64, 7 / 64])
     newton = FakeNewton(reach=0.1, iterations=5)
-    hard = drive(newton, [1.0], place=Place(size=1 / 64), order=0, target_iterations=4)
+    hard = drive(newton, [1.0], clock=StageClock(size=1 / 64), order=0, target_iterations=4)
     assert len(hard) >= 60
 
 
@@ -148,8 +148,8 @@ def test_goes_on_from_a_place_as_if_never_stopped():
     """Also along the way back, which the predictor remembers."""
     settings, targets = Solver(target_iterations=4), [0.4, 1.0, 1.6, 2.0]
 
-    def begin(newton, predictor, place=None):
-        increments = Increments(newton, settings, predictor, place)
+    def begin(newton, predictor, clock=None):
+        increments = Increments(newton, settings, predictor, clock)
 
         def apply(at):
             newton.input = min(at, 2 - at) ** 2
@@ -168,7 +168,7 @@ def test_goes_on_from_a_place_as_if_never_stopped():
         second, again = FakeNewton(reach=0.03), Predictor()
         first.system.q.copy(second.system.q)
         again.restore(predictor.plain(), [known.q.copy() for known in predictor.path])
-        _, rest = begin(second, again, copy.copy(increments.place))
+        _, rest = begin(second, again, copy.copy(increments.clock))
         assert list(rest) == expected[stop:]
         assert first.starts + second.starts == whole.starts
 

@@ -3,7 +3,10 @@
 import pytest
 
 from dealib.config.program import MountInput, Stage, TerminalInput
-from dealib.program.inputs import Drive, milestones, mount_drives, terminal_drives
+from dealib.device.records import MOUNT, TERMINAL, Port
+from dealib.program.inputs import Drive, drives, milestones
+
+PLATE, ELECTRODE = Port(MOUNT, "mount", ("inner",)), Port(TERMINAL, "terminal", ("film_top",))
 
 
 def drive(*knots):
@@ -43,16 +46,15 @@ def test_a_list_begins_where_the_mount_was_put_not_where_it_was_found(given):
 
     There are three knots, not a fourth for a way of 1e-8 N.
     """
-    there = mount_drives(MountInput.model_validate(given), -1.0, -0.2)
-    (found,) = mount_drives(
-        MountInput.model_validate(given), -1.0, there[0].knots[-1] + 1e-8, there
-    )
+    mount = MountInput.model_validate(given)
+    there = drives(PLATE, mount, -1.0, -0.2)
+    (found,) = drives(PLATE, mount, -1.0, there[0].knots[-1] + 1e-8, there)
     assert len(found.knots) == 3
     assert found.knots == there[0].knots[-3:]
 
 
 def test_a_list_of_charges_begins_where_the_terminal_was_put():
     given = TerminalInput.model_validate({"charge": ["0.1 uC", "0.2 uC", "0.1 uC"]})
-    there = terminal_drives(given, 0.0, 0.0)
-    (found,) = terminal_drives(given, 0.6, 0.1 + 1e-9, there)
+    there = drives(ELECTRODE, given, 0.0, 0.0)
+    (found,) = drives(ELECTRODE, given, 0.6, 0.1 + 1e-9, there)
     assert found.knots == (0.1, 0.2, 0.1)

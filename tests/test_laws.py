@@ -208,8 +208,8 @@ def test_a_run_past_locking_says_so(name, formulation):
     # at most the flat cone's stretch l: l^2 + l^-2 - 2 = 1, sqrt((l^2 + 1 + l^-2) / 3) = 1.25
     longest = {"gent": 1.618, "arruda_boyce": 1.786}[name]
     assert 11 < -rows[-1]["displacement_mm"] < 10 * math.sqrt(longest**2 - 1)
-    assert not simulation.problem.locked()
-    assert simulation.problem.locked(0.95)
+    assert not simulation.engine.problem.locked()
+    assert simulation.engine.problem.locked(0.95)
 
 
 # --- Ogden: principal stretches ------------------------------------------------------------------

@@ -6,19 +6,19 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from conftest import CONFIGS, case, history, thinned
+from conftest import CONFIGS, case, film_of, history, thinned
 from scipy.optimize import minimize_scalar
 from typer.testing import CliRunner
 from watch import At
 
 import dealib
 from dealib.cli.app import app
-from dealib.config.columns import COLUMNS
 from dealib.errors import ConfigError
-from dealib.fem.measures import QUANTITIES, VISCOUS
 from dealib.materials.response import stability_limit
+from dealib.observe.quantities import columns
 from dealib.results import local
-from dealib.results.margins import Film, fields
+from dealib.results.elements import Cell
+from dealib.results.margins import fields
 from dealib.results.thickness import Columns, edges
 from dealib.units import EPSILON_0
 
@@ -34,13 +34,17 @@ def rows(given):
 
 
 def film(**changes):
-    return Film.of(small(**changes).config)
+    return film_of(small(**changes).config)
+
+
+def deformation(F, e):
+    return local.Deformation(F, np.linalg.det(F), np.linalg.inv(F), e)
 
 
 def homogeneous(l1, l2, field):
     """A film that is stretched incompressibly, and a true field across it."""
     F = np.diag([l1, 1 / (l1 * l2), l2])
-    return local.Kinematics(F, np.linalg.det(F), np.array([0.0, field, 0.0]))
+    return deformation(F, np.array([0.0, field, 0.0]))
 
 
 MOONEY = {
@@ -200,16 +204,16 @@ def test_average_through_the_thickness():
     boxes = [(0, 0, 1, 1), (0, 1, 1, 3), (1, 0, 3, 2), (1, 2, 3, 3)]  # R0, Z0, R1, Z1
     corners = np.array([[(a, b), (c, b), (c, d), (a, d)] for a, b, c, d in boxes], float)
     corners[..., 0] += 5
-    position = corners.mean(axis=1, keepdims=True)
-    radii = edges(corners, position)
+    along = corners[..., 0].mean(axis=1, keepdims=True)
+    radii = edges(Cell("quadrilateral", 1), corners, along, 1)
     assert radii.tolist() == [5, 6, 8]
-    columns = Columns.of(radii, corners, position)
+    layer = Columns.of(radii, along, corners, 4)
     F = np.tile(np.eye(3), (4, 1, 1, 1))
     F[1, 0, 1, 1] = 2.0  # the second cell is twice as thick now
-    k = local.Kinematics(F, np.linalg.det(F), np.zeros((4, 1, 3)))
+    k = deformation(F, np.zeros((4, 1, 3)))
     values = np.array([1.0, 2.0, 3.0, 6.0])[:, None, None]
-    assert columns.average(values, k)[:, 0] == pytest.approx([(1 + 4 * 2) / 5, (2 * 3 + 6) / 3])
-    assert columns.radii.tolist() == [5.5, 7]
+    assert layer.average(values, k)[:, 0] == pytest.approx([(1 + 4 * 2) / 5, (2 * 3 + 6) / 3])
+    assert layer.middles.tolist() == [5.5, 7]
 
 
 def test_columns_end_at_the_corners_of_the_upper_face():
@@ -217,10 +221,11 @@ def test_columns_end_at_the_corners_of_the_upper_face():
     upper, lower = [(5, 1), (6.2, 1.6), (6.3, 1.65), (7, 2), (9.3, 1)], [(5, 0), (9.3, 0)]
     fan = [(lower[0], b, a) for a, b in pairwise(upper)]
     corners = np.array([*fan, (lower[0], lower[1], upper[-1])], float)
-    centres = corners.mean(axis=1, keepdims=True)  # none lies between 6.2 and 7 mm
-    assert edges(corners, centres).tolist() == [5, 7, 9.3]
-    everywhere = np.append(centres, [[[6.25, 1]], [[6.5, 1]]], axis=0)
-    assert edges(corners, everywhere).tolist() == [5, 6.2, 6.3, 7, 9.3]
+    centres = corners[..., 0].mean(axis=1, keepdims=True)  # none lies between 6.2 and 7 mm
+    triangle = Cell("triangle", 1)
+    assert edges(triangle, corners, centres, 1).tolist() == [5, 7, 9.3]
+    everywhere = np.append(centres, [[6.25], [6.5]], axis=0)
+    assert edges(triangle, corners, everywhere, 1).tolist() == [5, 6.2, 6.3, 7, 9.3]
 
 
 def test_margins_and_sheets_of_a_film_that_is_not_flat(tmp_path):
@@ -240,7 +245,7 @@ def test_bending_compresses_one_face_but_not_the_average():
     simulation = dealib.Simulation(run_case)
     for state in simulation:
         nodal = state.nodal()
-    found = fields(run_case.config, simulation.layout.mesh, nodal)
+    found = fields(run_case.config, simulation.engine.layout.mesh, nodal)
     assert found["tension"].min() < 0 < state.row["tension_min_MPa"]
     assert found["wrinkling_use"].max() == pytest.approx(state.row["wrinkling_use"], abs=0.1)
     # what the history says at the Gauss points lies between the nodal values
@@ -255,9 +260,10 @@ def test_limits_are_columns_only_where_they_are_set():
     assert not {"breakdown_use", "stretch_use", "stability_use"} & set(history("benchmark_strip"))
     work = {"mount_work_mJ", "terminal_work_mJ", "energy_residual_mJ"}
     branch = {"unstable_modes", "limit_point", "bifurcation"}
-    known = {*QUANTITIES, *VISCOUS, "step", "time_s", *work, *branch}
-    assert known == set(COLUMNS)  # what conditions can watch is what is measured
-    assert set(h.columns) - {"stage"} <= known
+    known = columns(case("margins").config)  # what conditions can watch
+    kept = {name for name, column in known.items() if column.quantity.measure is None}
+    assert kept == {"step", "time_s", *work, *branch}  # by the program; the others are measured
+    assert set(h.columns) - {"stage"} <= set(known)
 
 
 GENT = "{law: gent, youngs_modulus: 1 MPa, j_lim: 8, relative_permittivity: 3, "
@@ -283,16 +289,17 @@ EVERYTHING = {
     ids=["plain", "everything", "follow"],
 )
 def test_a_condition_may_watch_what_the_run_measures_and_nothing_else(changes):
-    row = next(iter(dealib.Simulation(small(**changes)))).row
+    given = small(**changes)
+    row, known = next(iter(dealib.Simulation(given))).row, columns(given.config)
 
     def may_be_watched(column):
         try:
-            small(stop_when=f"[{column} > 1e9 {COLUMNS[column]}]", **changes)
+            small(stop_when=f"[{column} > 1e9 {known[column].unit}]", **changes)
         except ConfigError:
             return False
         return True
 
-    assert set(filter(may_be_watched, COLUMNS)) == set(row) - {"stage"}
+    assert set(filter(may_be_watched, known)) == set(row) - {"stage"}
 
 
 def test_a_stage_ends_at_the_crossing_and_the_next_begins_there():

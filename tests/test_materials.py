@@ -79,10 +79,10 @@ def test_thickness_stretch_leaves_no_thickness_stress(law):
 
 def test_rules_of_the_thesis():
     """Tables 1 and 2: parameters from Young's modulus."""
-    film = case("deap100").config.materials.film
+    film = case("deap100").config.materials["film"]
     assert film.parameters == pytest.approx({"shear_modulus": 1 / 3, "bulk_modulus": 50 / 3})
     assert film.shear_modulus == pytest.approx(3.34e5 / 1e6, rel=3e-3)
-    electrode = case("own_mesh").config.materials.electrode
+    electrode = case("own_mesh").config.materials["electrode"]
     assert electrode.parameters == pytest.approx(
         {"c10": 0.5, "c01": -1 / 6, "bulk_modulus": 100 / 3}
     )

@@ -37,10 +37,10 @@ def test_a_dropped_simulation_is_freed_at_once(config, changes):
         simulation = Simulation(dealib.load(config, set=changes))
         steps = sum(1 for _ in islice(simulation, 3))
         watched = {
-            "newton": weakref.ref(simulation.newton),
-            "problem": weakref.ref(simulation.problem),
-            "space": weakref.ref(simulation.problem.spaces.W),
-            "layout": weakref.ref(simulation.layout),
+            "newton": weakref.ref(simulation.engine.newton),
+            "problem": weakref.ref(simulation.engine.problem),
+            "space": weakref.ref(simulation.engine.problem.spaces.W),
+            "layout": weakref.ref(simulation.engine.layout),
         }
         del simulation
         assert steps == 3

@@ -13,9 +13,9 @@ from pydantic import TypeAdapter
 from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
 from ufl.algorithms.apply_derivatives import apply_derivatives
 
-from dealib.config.materials import FilmMaterial
+from dealib.config.materials import Material
 from dealib.config.schema import Config
-from dealib.fem.energies import Hyperelastic, IdealDielectric, MeshElasticity
+from dealib.fem.energies import Hyperelastic, IdealDielectric, MeshElasticity, Point
 from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem
 from dealib.fem.system import PortLaw, Timings
@@ -28,7 +28,7 @@ settings.load_profile("dealib")
 
 
 def film(law, **parameters):
-    return TypeAdapter(FilmMaterial).validate_python(
+    return TypeAdapter(Material).validate_python(
         {"law": law, "relative_permittivity": 3.0} | parameters
     )
 
@@ -67,8 +67,13 @@ def hyperelastic(law, prestretch=None):
     return Hyperelastic("film", law, SimpleNamespace(**law.parameters), prestretch)
 
 
+def point(F, E=(0.0, 0.0, 0.0)):
+    """A point of a deformation and a field: their position and displacement do not matter."""
+    return Point(None, None, F, ufl.as_vector(list(map(float, E))))
+
+
 def density(energy, F, E=(0.0, 0.0, 0.0)):
-    return number(energy.density(ufl.as_matrix(F.tolist()), ufl.as_vector(list(map(float, E)))))
+    return number(energy.density(point(ufl.as_matrix(F.tolist()), E)))
 
 
 # --- energies ------------------------------------------------------------------------------------
@@ -101,7 +106,7 @@ def test_rest_is_free_of_energy_and_stress(law):
     assert density(hyperelastic(law), np.eye(3)) == 0
     assert np.abs(local.second_pk(law, np.eye(3))).max() < 1e-13 * law.shear_modulus_at_rest
     F = ufl.variable(ufl.as_matrix(np.eye(3).tolist()))
-    P = ufl.diff(hyperelastic(law).density(F, None), F)
+    P = ufl.diff(hyperelastic(law).density(point(F)), F)
     stresses = [number(P[i, j]) for i in range(3) for j in range(3)]
     assert np.abs(stresses).max() < 1e-13 * law.shear_modulus_at_rest
 
@@ -123,7 +128,7 @@ def test_energy_grows_from_rest(law, direction):
 def test_numpy_stress_is_the_derivative_of_the_energy_of_the_forms(law, F, prestretch):
     """P = F S, S from numpy, P from UFL: the results show what the solver solved."""
     variable = ufl.variable(ufl.as_matrix(F.tolist()))
-    P = ufl.diff(hyperelastic(law, prestretch).density(variable, None), variable)
+    P = ufl.diff(hyperelastic(law, prestretch).density(point(variable)), variable)
     derived = np.array([[number(P[i, j]) for j in range(3)] for i in range(3)])
     S = local.second_pk(law, F, None if prestretch is None else np.array(prestretch))
     assert np.allclose(S, S.T, rtol=0, atol=1e-12 * np.abs(S).max())
@@ -136,7 +141,7 @@ def test_maxwell_stress_is_the_derivative_of_the_electric_energy(F, E_R, E_Z):
     permittivity, E = 3e-5, 100 * np.array([E_R, E_Z, 0])
     variable = ufl.variable(ufl.as_matrix(F.tolist()))
     energy = IdealDielectric("film", permittivity)
-    P = ufl.diff(energy.density(variable, ufl.as_vector(E.tolist())), variable)
+    P = ufl.diff(energy.density(point(variable, E)), variable)
     derived = np.array([[number(P[i, j]) for j in range(3)] for i in range(3)])
     e = np.linalg.solve(F.T, E)
     wanted = np.linalg.det(F) * local.maxwell(permittivity, e) @ np.linalg.inv(F).T
@@ -187,7 +192,8 @@ def tangent(newton, prestretch, q):
     """Dense tangent at reduced unknowns."""
     system = newton.system
     system.problem.set_prestretch(0.0)
-    system.problem.prestretch.value[:] = prestretch
+    (film,) = (group for group in system.problem.groups if group.name == "film")
+    film.prestretch.value[:] = prestretch
     vector = system.q.copy()
     vector.array[:] = q
     system.residual(vector, system.residual_vector)

@@ -120,7 +120,7 @@ def test_stress_jumps_at_the_faces(strip_run):
 def strip_run_thickness():
     from dealib.materials import thickness_stretch
 
-    return thickness_stretch(case("benchmark_strip").config.materials.film, 1.15, 1.15)
+    return thickness_stretch(case("benchmark_strip").config.materials["film"], 1.15, 1.15)
 
 
 def test_field_in_the_film(strip_run):
@@ -141,7 +141,7 @@ def test_field_in_the_film(strip_run):
 
 def test_layout_scatter_is_the_inverse_of_gather():
     problem = build_problem(case("benchmark_strip_air", mesh__columns=16).config, MPI.COMM_SELF)
-    layout = Layout.of(problem.device, problem.spaces)
+    layout = Layout.of(problem)
     w = problem.spaces.w
     w.x.array[:] = np.random.default_rng(0).standard_normal(len(w.x.array))
     before = w.x.array.copy()

@@ -192,6 +192,6 @@ def test_overrides_are_values_of_python():
     assert config.geometry.clamps is None
     assert config.limits.stretch_max is None
     assert config.mesh.columns == 6
-    assert config.materials.film.prestretch == (1.1, 1.2)
+    assert config.materials["film"].prestretch == (1.1, 1.2)
     assert config.program[0].terminal.voltage == (0, 1)
     assert config.directory == "runs/a: b"

@@ -56,9 +56,9 @@ def test_blocks_need_few_iterations_where_the_field_fringes_into_the_air():
         {"stage": "actuate", "terminal": {"voltage": "2.5 kV"}, "mount": {"force": "-0.3 N"}},
     ]
     for state in dealib.Simulation(case("deap100", geometry__clamps=clamps, program=program)):
-        newton = state.simulation.newton
+        newton = state.engine.newton
         assert newton.linear_iterations <= 4 * newton.iterations
-    assert state.simulation.problem.constraints.numbers("air mesh").size > 5000
+    assert state.engine.problem.constraints.numbers("air mesh").size > 5000
 
 
 def test_a_block_past_its_peak_voltage_is_unstable_under_voltage_only():
@@ -79,7 +79,7 @@ def test_stable_devices_have_the_inertia_of_a_stable_one():
     mixed = {**SMALL, "physics__formulation": "mixed"}
     for changes in (SMALL, AIR, mixed):
         *_, last = dealib.Simulation(case("benchmark_strip", **changes))
-        newton = last.simulation.newton
+        newton = last.engine.newton
         negative, zero, positive = newton.inertia()
         assert zero == 0
         assert negative + positive == newton.system.q.size

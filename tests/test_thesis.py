@@ -116,7 +116,7 @@ def pushed():
     config = case("deap100_displacement", geometry__air_height="0 mm", mesh__columns=30)
     kept = {}
     for state in dealib.Simulation(config):
-        mesh, row = state.simulation.layout.mesh, state.row
+        mesh, row = state.engine.layout.mesh, state.row
         key = (round(-row["displacement_mm"], 6), row["voltage_kV"])
         if key in {(1, 0), (2, 0), (2, VOLTS)}:
             kept[key] = fields(config.config, mesh, state.nodal())

@@ -24,7 +24,6 @@ from dealib.fem.layout import Layout
 from dealib.fem.problem import build_problem
 from dealib.materials import evolution, invariants_of_stretches, thickness_stretch
 from dealib.results.checkpoint import CheckpointFolder
-from dealib.results.margins import Film
 
 FILE = Path(__file__).with_name("viscous.yaml")
 
@@ -176,7 +175,7 @@ def test_a_fresh_film_carries_the_prestretch_and_relaxes():
         "solver__time_tolerance": 1e-4,
     }
     relaxed, fresh = history(**film), history(materials__film__mounted="fresh", **film)
-    law = case(**film).config.materials.film
+    law = case(**film).config.materials["film"]
     i = invariants_of_stretches(1.2, thickness_stretch(law, 1.2, 1.2), 1.2)
     volume = np.pi * (12**2 - 8**2) * 0.05 / i.J  # mm^3, unstretched
     stored = 0.15 / 2 * (i.I1 - 3) * volume
@@ -201,9 +200,9 @@ def test_wrinkling_of_a_fresh_film_counts_from_the_tension_with_its_branches():
         f"{50 / 3!r} MPa", "1e6 MPa, prestretch: 1.2, mounted: fresh, branches: "
         "[{shear_modulus: 0.15 MPa, relaxation_time: 1 s}]"
     )  # fmt: skip
-    found = Film.of(case(materials__film=incompressible).config)
+    found = conftest.film_of(case(materials__film=incompressible).config)
     assert found.tension == pytest.approx((1 / 3 + 0.15) * (1.2**2 - 1.2**-4), rel=1e-5)
-    relaxed = Film.of(case(materials__film=incompressible.replace("fresh", "relaxed")).config)
+    relaxed = conftest.film_of(case(materials__film=incompressible.replace("fresh", "relaxed")).config)
     assert relaxed.tension == pytest.approx((1.2**2 - 1.2**-4) / 3, rel=1e-5)
 
 
@@ -399,8 +398,8 @@ def test_stress_of_the_results_is_that_of_the_equilibrium(name):
     branches = [(*b, name) for b in viscous.BRANCHES]
     bench = viscous.Viscous(viscous.LAW, branches, viscous.CONFINED)
     bench.through(0.5, 5, mount=0.1 * viscous.THICKNESS)
-    layout = Layout.of(bench.problem.device, bench.problem.spaces)
-    internal = bench.viscosity.at_gauss(bench.viscosity.gather())
+    layout = Layout.of(bench.problem)
+    internal = bench.viscosity.at_points(bench.viscosity.gather())
     found = dealib.results.fields.fields(
         bench.problem.config, layout.mesh, layout.gather(), internal
     )
@@ -411,9 +410,9 @@ def test_stress_of_the_results_is_that_of_the_equilibrium(name):
 def test_the_tangent_is_symmetric():
     """One potential stands behind a step, however large."""
     simulation = dealib.Simulation(case(solver__time_tolerance=0))
-    assert simulation.problem.symmetric
+    assert simulation.engine.problem.symmetric
     for state in simulation:
-        system = state.simulation.newton.system
+        system = state.engine.newton.system
         system.residual(system.q, system.residual_vector)
         system.tangent(system.matrix)
         assert system.matrix.isSymmetric(1e-13 * system.matrix.norm())
@@ -424,7 +423,7 @@ def test_a_second_film_has_no_branches():
     with pytest.raises(ConfigError, match="a second film answers at once"):
         case(program=f"[{film % ''}]")
     plain = ", set: {materials.film.branches: [], materials.electrode.branches: []}"
-    assert case(program=f"[{film % plain}]").config.materials.film.branches
+    assert case(program=f"[{film % plain}]").config.materials["film"].branches
 
 
 # --- shipped configs ------------------------------------------------------------------------------

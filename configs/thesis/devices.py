@@ -211,7 +211,7 @@ def by_finite_elements(
     for state in dealib.Simulation(case):
         if not state.end_of_stage or state.row["stage"] == "prestrain":
             continue
-        row, mesh = state.row, state.simulation.layout.mesh
+        row, mesh = state.row, state.engine.layout.mesh
         found = fields(case.config, mesh, state.nodal())
         share = (mesh.points[:, 0] - d.inner) / (d.outer - d.inner)
         middle = {

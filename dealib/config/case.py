@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,25 @@ class Case:
     text: str
     path: Path
     overrides: tuple[str, ...] = ()
+
+    @contextmanager
+    def blamed(self) -> Iterator[None]:
+        """Show in the file what a run finds wrong with a key.
+
+        Raises:
+            ConfigError: For a `ValueAt`.
+        """
+        try:
+            yield
+        except ValueAt as error:
+            try:
+                source = Source(self.path)
+                for assignment in self.overrides:
+                    source.override(assignment)
+                message = source.message(error.where, str(error))
+            except ConfigError:  # the file is not there any more
+                message = f"{'.'.join(map(str, error.where))}: {error}"
+            raise ConfigError(message) from None
 
 
 def load(path: str | Path, set: Mapping[str, Any] | Iterable[str] | None = None) -> Case:

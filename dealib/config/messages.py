@@ -116,6 +116,8 @@ def problem(item: Mapping[str, Any], model: type[BaseModel] | None = None) -> st
         return _length(ctx)
     if kind == "string_too_short":
         return "must not be empty"
+    if kind == "string_pattern_mismatch":
+        return f"{_shown(given)} is no name; use a letter, then letters, digits, '_' and '-'"
     expected = _EXPECTED.get(kind.split("_")[0], "another kind of value")
     hint = ""
     if expected == "text" and isinstance(given, (int, float)):

@@ -20,9 +20,10 @@ from dealib.config.tables import Tables
 from dealib.device.assembly import Sections, device
 from dealib.device.device import Device
 from dealib.device.gmsh_file import physical_names
+from dealib.device.records import TERMINAL
 from dealib.device.ports import Chamber, Hold, Mount, Terminal
 from dealib.device.shapes import AnnularStrips, Geometry, MeshShape
-from dealib.errors import ValueAt
+from dealib.errors import ValueAt, did_you_mean
 from dealib.section import Section
 from dealib.units import ElectricField, Length, Resistance, Stress
 
@@ -278,16 +279,39 @@ class Config(Section):
                     ("materials", "electrode"),
                     "this key is missing, but geometry.electrode_thickness is above zero",
                 )
+            if "film" in known and known["film"].conducts:
+                raise ValueAt(
+                    ("materials", "film", "relative_permittivity"),
+                    "this key is missing; without it the film would be a conductor",
+                )
         elif self.physics.coupling != "energy":
             raise ValueAt(("physics", "coupling"), "other devices than annular_strips: energy only")
+        if self.regions is not None and not isinstance(self.geometry, MeshShape):
+            raise ValueAt(("regions",), "only of geometry.shape: mesh; a layer names its material")
         check_inputs(self.program, self.device)
         check_probes(self)
         check_conditions(self)
+        self._one_ladder()
         self._air_above_stroke()
         if self.tables is not None:
             self.tables.check(self)
         check_branches(self)
         check_second_films(self)
+
+    def _one_ladder(self) -> None:
+        """Resistances are those of the electrodes on one film, along a line."""
+        if self.sensing.sheet_resistance is None:
+            return
+        device, contact = self.device, self.sensing.contact
+        laminate, space = device.laminate, device.kinematics
+        lines = space.dim == 2 and not space.sheet and len(device.of(TERMINAL)) == 1
+        if laminate is None or not lines:
+            where = ("sensing", "sheet_resistance")
+            raise ValueAt(where, "only of a laminate in two dimensions with one terminal")
+        ends = [end for end in laminate.base.ends if end is not None]
+        if contact is not None and contact not in ends:
+            where = ("sensing", "contact")
+            raise ValueAt(where, f"the base has no end {contact!r}{did_you_mean(contact, ends)}")
 
     def _air_above_stroke(self) -> None:
         """The air must stay higher than a prescribed displacement of what it covers."""

@@ -104,10 +104,11 @@ def device(
     laminate = geometry.laminate(lambda material: conductors.get(material, False))
     if sheet:
         laminate = _as_sheet(laminate)
-    for k, layer in enumerate(laminate.layers):
+    for layer in laminate.layers:
         if layer.material not in conductors:
-            where: Path_ = ("geometry",)
-            raise ValueAt(where, f"layer {k + 1} is of {layer.material!r}, which `materials` lacks")
+            hint = did_you_mean(layer.material, list(conductors))
+            problem = f"there is no {layer.material!r}, of which the layer {layer.name!r} is{hint}"
+            raise ValueAt(("materials",), problem)
     if all(layer.conducts for layer in laminate.layers):
         problem = "all layers conduct: at least one needs a material with relative_permittivity"
         raise ValueAt(("geometry",), problem)
@@ -305,6 +306,9 @@ def _of_mesh(
                 f"`regions`, such as regions: {{{name}: {next(iter(conductors), 'film')}}}"
             )
             raise ValueAt(("geometry", "file"), problem)
+    if all(r.material is None or conductors[r.material] for r in regions):
+        problem = "none of its regions is of a material with relative_permittivity"
+        raise ValueAt(("geometry", "file"), problem)
     for part in ("terminals", "holds"):
         if getattr(given, part) is None:
             raise ValueAt(
@@ -323,5 +327,4 @@ def _of_mesh(
     driven, ports = _driven(
         parts, given.mounts or {}, given.holds or (), given.terminals or {}, given.chambers or {}
     )
-    axis = [Support("R", "axis")] if kinematics.revolved and "axis" in parts.boundaries else []
-    return Device(kinematics, parts.regions, (*axis, *driven), ports, boundaries=parts.boundaries)
+    return Device(kinematics, parts.regions, tuple(driven), ports, boundaries=parts.boundaries)

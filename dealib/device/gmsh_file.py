@@ -18,12 +18,9 @@ def physical_names(path: Path) -> dict[str, int]:
         with path.open("rb") as file:
             if file.readline().strip() != b"$MeshFormat":
                 raise ConfigError(f"{path}: no mesh of Gmsh, which begins with $MeshFormat")
-            for line in file:
-                if line.strip() == b"$PhysicalNames":
-                    break
-                if line.strip() in (b"$Nodes", b"$Entities"):
-                    break
-            count = int(next(file, b"0").split()[0])
+            heads = (line.strip() for line in file)
+            first = next((h for h in heads if h in (b"$PhysicalNames", b"$Nodes")), b"")
+            count = int(next(file).split()[0]) if first == b"$PhysicalNames" else 0
             for _ in range(count):
                 dim, _, name = next(file).decode("utf-8").split(maxsplit=2)
                 found[name.strip().strip('"')] = int(dim)

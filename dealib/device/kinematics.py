@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+_ON_AXIS = 1e-9  # mm; nearer to the axis u_R / R is rounding
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ class Kinematics:
         F[..., :n, :n] = np.swapaxes(u, 1, 2)[:, None] @ dN
         F += np.eye(3)
         if self.revolved:
-            F[..., 2, 2] += u[..., 0] @ N.T / position[..., 0]
+            F[..., 2, 2] = _hoop(F, u, N, position)
         return F
 
     def field(self, phi: Array, dN: Array) -> Array:
@@ -256,11 +257,19 @@ class SheetKinematics(Kinematics):
         else:
             F[..., 2, 2] = 1.0
             if self.revolved:
-                F[..., 2, 2] += u[..., 0] @ N.T / position[..., 0]
+                F[..., 2, 2] = _hoop(F, u, N, position)
             t, sign = F[..., self.lies[0]], 1 if self.lies[0] == 0 else -1
             n = np.stack([-sign * t[..., 1], sign * t[..., 0], 0 * t[..., 0]], axis=-1)
         F[..., self.normal] = n / np.linalg.norm(n, axis=-1)[..., None]
         return F
+
+
+def _hoop(F: Array, u: Array, N: Array, position: Array) -> Array:
+    """Stretch around the axis at points; on the axis itself it is that along the radius."""
+    R = position[..., 0]
+    on_axis = np.abs(R) < _ON_AXIS
+    around = 1 + u[..., 0] @ N.T / np.where(on_axis, 1.0, R)
+    return np.where(on_axis, F[..., 0, 0], around)
 
 
 AXISYMMETRIC = Kinematics("axisymmetric", ("R", "Z"), ("R", "Z", "theta"), 2 * np.pi)

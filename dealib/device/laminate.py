@@ -211,15 +211,13 @@ class Laminate:
         )
 
     def supports(self, held: Mapping[str, tuple[str, ...]]) -> list[Support]:
-        """What the shape itself holds: the axis, symmetry, and the air's sides.
+        """What the shape itself holds: symmetry, and the air's sides.
 
         Args:
             held: Axes that are held at each end of the base.
         """
         base, axes = self.base, self.kinematics.axes
         found = [Support(axis, f"symmetry_{axis}") for axis in self.symmetry]
-        if base.along == "R" and base.limits[0] == 0 and len(axes) == 2:
-            found.append(Support("R", AXIS))
         if self.air_height == 0:
             return found
         for end, side in zip(base.ends, self.air_sides, strict=True):

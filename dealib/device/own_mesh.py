@@ -18,6 +18,7 @@ log = logging.getLogger(__name__)
 # make; the last node of a second-order quadrilateral is its centre
 _TRIANGLES = {3: 2, 6: 9}
 _QUADS = {4: 3, 8: 16, 9: 10}
+_AXIS = 1e-9  # how far rounding may put nodes beyond the axis, of the largest radius
 _SPLIT = {4: [[0, 1, 2], [0, 2, 3]], 9: [[0, 1, 2, 4, 5, 8], [0, 2, 3, 8, 6, 7]]}
 
 
@@ -51,18 +52,27 @@ def prepare(gmsh: Any, config: Config, shape: MeshShape) -> None:
         raise ConfigError(
             f"{file}: some of its cells belong to no physical group; give each surface a name"
         )
+    radii = mesh.getNodes()[1][::3]
+    if shape.kinematics.revolved and radii.min() < -_AXIS * radii.max():
+        raise ConfigError(
+            f"{file}: it reaches R = {radii.min():g} mm, beyond the axis; an axisymmetric mesh lies at "
+            "R >= 0, its first coordinate"
+        )
     if config.mesh.order == 1 and kinds - {2, 3}:
         mesh.setOrder(1)
         kinds = set(map(int, mesh.getElementTypes(dim)))
     if len(kinds) > 1:
         log.info("%s: its quadrilaterals are cut into triangles, since it has both", file)
         for _, tag in gmsh.model.getEntities(dim):
-            _split(mesh, dim, tag)
+            _quads(mesh, dim, tag, cut=True)
         mesh.reclassifyNodes()
+    elif kinds == {_QUADS[8]}:
+        for _, tag in gmsh.model.getEntities(dim):
+            _quads(mesh, dim, tag, cut=False)
 
 
-def _split(mesh: Any, dim: int, entity: int) -> None:
-    """Cut the quadrilaterals of a surface into triangles of the same order."""
+def _quads(mesh: Any, dim: int, entity: int, cut: bool) -> None:
+    """Give the quadrilaterals of a surface their centres; cut them into triangles if wanted."""
     for kind, elements, nodes in zip(*mesh.getElements(dim, entity), strict=True):
         count = len(nodes) // len(elements)
         if kind not in _QUADS.values():
@@ -71,9 +81,11 @@ def _split(mesh: Any, dim: int, entity: int) -> None:
         if count == 8:
             quads = np.column_stack([quads, _centres(mesh, dim, entity, quads)])
             count = 9
-        parts = np.concatenate([quads[:, part] for part in _SPLIT[count]])
+        parts, kinds = quads, _QUADS
+        if cut:
+            parts, kinds = np.concatenate([quads[:, part] for part in _SPLIT[count]]), _TRIANGLES
         mesh.removeElements(dim, entity, elements)
-        mesh.addElementsByType(entity, _TRIANGLES[parts.shape[1]], [], parts.ravel())
+        mesh.addElementsByType(entity, kinds[parts.shape[1]], [], parts.ravel())
 
 
 def _centres(mesh: Any, dim: int, entity: int, quads: Any) -> Any:

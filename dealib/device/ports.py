@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 from pydantic import BeforeValidator, Field
 
-from dealib.device.shapes import Within
+from dealib.device.shapes import Covered
 from dealib.section import Section
 from dealib.units import Mass
 
@@ -16,20 +16,20 @@ def _listed(value: object) -> object:
 
 
 if TYPE_CHECKING:
+    Some: TypeAlias = tuple[str, ...]
     Names: TypeAlias = tuple[str, ...]
 else:
-    Names = Annotated[
-        tuple[str, ...],
-        Field(min_length=1),
-        BeforeValidator(_listed, json_schema_input_type=str | tuple[str, ...]),
+    Some = Annotated[
+        tuple[str, ...], BeforeValidator(_listed, json_schema_input_type=str | tuple[str, ...])
     ]
+    Names = Annotated[Some, Field(min_length=1)]
 
 
 class Terminal(Section):
     """An electrode: a conducting region, or a face that carries one without thickness."""
 
     on: Names = Field(description="regions and faces that it consists of")
-    within: Within | None = Field(
+    within: Covered | None = Field(
         None, description="part of the face, [from, to] along the base; default all of it"
     )
     ground: bool = Field(False, description="it is at 0 V, and no port")
@@ -41,7 +41,7 @@ class Mount(Section):
     on: Names = Field(description="regions and boundaries that are fixed to it")
     along: str = Field(description="axis of its motion, such as Z")
     mass: Mass = Field(0.0, ge=0, description="of the rigid part, for motion in time")
-    free: tuple[str, ...] = Field((), description="axes along which it does not hold the body")
+    free: Some = Field((), description="axes along which it does not hold the body")
 
 
 class Hold(Section):

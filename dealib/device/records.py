@@ -109,22 +109,19 @@ class Region:
         material: Key of `materials`; None for air and rigid blocks.
         permittivity: Relative one of air and rigid blocks.
         normal: Component across the layer (see `Kinematics.components`); None if it is no layer.
+        air: Whether it is air, which only carries the field.
     """
 
     name: str
     material: str | None
     permittivity: float | None = None
     normal: int | None = None
-
-    @property
-    def air(self) -> bool:
-        """Whether it is air, which only carries the field."""
-        return self.name == AIR or self.name.startswith(f"{AIR}.")
+    air: bool = False
 
 
 def air(name: str = AIR) -> Region:
     """A region of air."""
-    return Region(name, None, _PERMITTIVITY_OF_AIR)
+    return Region(name, None, _PERMITTIVITY_OF_AIR, air=True)
 
 
 @dataclass(frozen=True)

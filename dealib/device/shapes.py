@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, Union
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
 
 from dealib.device.bases import Annulus, AnyBase, Base, Rectangle, check_radii
 from dealib.device.kinematics import SPACES, Kinematics
@@ -13,7 +13,7 @@ from dealib.device.laminate import Blocks, Laminate, Layer, Part
 from dealib.device.plan import SQUARE
 from dealib.errors import ValueAt
 from dealib.section import Section
-from dealib.units import Length
+from dealib.units import Length, factor
 
 Conducts = Callable[[str], bool]  # whether a material is a conductor
 Path_: TypeAlias = tuple[str | int, ...]
@@ -104,11 +104,6 @@ class Within(Section):
     centre: tuple[Length, Length] | None = Field(None, description="of a circle; default 0, 0")
     radius: Length | None = Field(None, gt=0, description="of a circle on a rectangle")
 
-    @model_validator(mode="before")
-    @classmethod
-    def _listed(cls, given: object) -> object:
-        return {"along": given} if isinstance(given, (list, tuple)) else given
-
     def part(self, base: Base, solid: bool, where: Path_) -> Part:
         """The part of a base.
 
@@ -148,6 +143,16 @@ class Within(Section):
         return Part(circle=(x, y, self.radius))
 
 
+def _along(given: object) -> object:
+    return {"along": given} if isinstance(given, (list, tuple)) else given
+
+
+if TYPE_CHECKING:
+    Covered: TypeAlias = Within
+else:
+    Covered = Annotated[Within, BeforeValidator(_along, json_schema_input_type=Within | Span)]
+
+
 class LayerSection(Section):
     """One layer."""
 
@@ -157,7 +162,7 @@ class LayerSection(Section):
     rows: int | None = Field(
         None, ge=1, le=1000, description="cells across; default mesh.film_rows or electrode_rows"
     )
-    within: Within | None = Field(
+    within: Covered | None = Field(
         None, description="part of the base that it covers, such as [from, to]; default all of it"
     )
 
@@ -169,12 +174,27 @@ class Repeat(Section):
     layers: tuple[LayerSection, ...] = Field(min_length=1, description="from the bottom up")
 
 
+def _form(given: object) -> str:
+    """Which of both an item of a list of layers is."""
+    many = isinstance(given, Mapping) and not {"repeat", "layers"}.isdisjoint(given)
+    return "repeated" if many or isinstance(given, Repeat) else "single"
+
+
+if TYPE_CHECKING:
+    AnyLayer: TypeAlias = LayerSection | Repeat
+else:
+    AnyLayer = Annotated[
+        Annotated[LayerSection, Tag("single")] | Annotated[Repeat, Tag("repeated")],
+        Discriminator(_form),
+    ]
+
+
 class LaminateShape(Section):
     """Layers on a base, stacked from the bottom, or from the inside of a tube."""
 
     shape: Literal["laminate"]
     base: AnyBase = Field(description="what the layers lie on")
-    layers: tuple[LayerSection | Repeat, ...] = Field(min_length=1, description="from the bottom")
+    layers: tuple[AnyLayer, ...] = Field(min_length=1, description="from the bottom")
     air_height: Length = Field(
         0.0, ge=0, description="air on both sides, from the middle of the layers; 0 mm: no air"
     )
@@ -252,6 +272,12 @@ class MeshShape(Section):
         """Its space."""
         space = SPACES[self.space]
         return space if self.width is None else space.times(self.width)
+
+    @field_validator("unit")
+    @classmethod
+    def _length(cls, unit: str) -> str:
+        factor(unit, "mm")
+        return unit
 
     @model_validator(mode="after")
     def _wide(self) -> MeshShape:

@@ -9,7 +9,7 @@ from mpi4py import MPI
 
 from dealib.device.kinematics import Kinematics
 from dealib.device.records import Port
-from dealib.errors import ConfigError
+from dealib.errors import ValueAt
 from dealib.fem.domain import Domain
 from dealib.fem.energies import Point
 
@@ -46,14 +46,15 @@ def chamber_energies(domain: Domain, port: Port, pressure: Any) -> list[ChamberP
     """The potentials of a chamber's faces (collective).
 
     Raises:
-        ConfigError: If solids are on both sides of a face.
+        ValueAt: If solids are on both sides of a face.
     """
     kinematics = domain.device.kinematics
     for name in port.on:
         if _between_solids(domain, name):
-            raise ConfigError(
-                f"the face {name!r} of chamber {port.name!r} lies between two solids, where there "
-                "is no room; choose a face of the outer surface"
+            raise ValueAt(
+                ("chambers", port.name, "on"),
+                f"the face {name!r} lies between two solids, where there is no room; choose a face "
+                "of the outer surface",
             )
     axis = kinematics.axes.index(port.along)
     return [ChamberPressure(name, pressure, axis, kinematics) for name in port.on]

@@ -16,9 +16,10 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 from dolfinx import fem
+from dolfinx import mesh as dmesh
 
 from dealib.device.records import PHI, TERMINAL, Support
-from dealib.errors import ConfigError
+from dealib.errors import ValueAt
 from dealib.fem.domain import Domain, Spaces
 
 FIELDS = ("displacement", "potential", "air mesh", "pressure")
@@ -107,7 +108,7 @@ def build(domain: Domain, spaces: Spaces) -> ConstraintMap:
     """Number the reduced unknowns of a device (collective).
 
     Raises:
-        ConfigError: If two terminals touch.
+        ValueAt: If two terminals touch.
     """
     W, comm, device = spaces.W, domain.comm, domain.device
     index_map = W.dofmap.index_map
@@ -122,6 +123,8 @@ def build(domain: Domain, spaces: Spaces) -> ConstraintMap:
         if support.quantity == PHI:
             _check_apart(domain, support, kind[dofs], target)
         kind[dofs] = target
+    if device.kinematics.revolved and device.kinematics.lies[0] == 0:
+        kind[_on_axis(domain, spaces)] = _ZERO
     pressure = np.zeros(total, bool)
     if spaces.pressure_element is not None:  # it lives in the solids only
         pressure[_dofs(W, (2,), domain.dim, domain.all_cells)] = True
@@ -175,6 +178,13 @@ def _support_dofs(domain: Domain, spaces: Spaces, support: Support) -> Ints:
     return _dofs(spaces.W, path, *domain.entities(support.where))
 
 
+def _on_axis(domain: Domain, spaces: Spaces) -> Ints:
+    """Radial displacements on the axis of revolution, where there are none."""
+    near, dim = 1e-9 * domain.sizes.span, domain.dim - 1
+    facets = dmesh.locate_entities_boundary(domain.mesh, dim, lambda x: np.abs(x[0]) < near)
+    return _dofs(spaces.W, (0, 0), dim, facets)
+
+
 def _check_apart(domain: Domain, support: Support, before: Ints, target: int) -> None:
     """Refuse a terminal that shares a node with another one."""
     others = np.unique(before[(before != _FREE) & (before != target)])
@@ -182,10 +192,11 @@ def _check_apart(domain: Domain, support: Support, before: Ints, target: int) ->
     if other < 0:
         return
     names = [port.name for port in domain.device.ports]
-    one, two = (names[k - _FIRST_PORT] if k >= _FIRST_PORT else "ground" for k in (other, target))
-    raise ConfigError(
-        f"the {TERMINAL.name}s {one!r} and {two!r} touch at {support.where!r}: leave a gap between "
-        "them, or make them one"
+    found = [names[k - _FIRST_PORT] for k in (target, other) if k >= _FIRST_PORT]
+    raise ValueAt(
+        (f"{TERMINAL.name}s", found[0]),
+        f"it touches {found[1] if found[1:] else 'ground'!r}; leave a gap between them, or make "
+        "them one",
     )
 
 

@@ -9,7 +9,7 @@ from dealib.config.schema import Config
 from dealib.device.device import Device
 from dealib.device.laminate import JOIN, Laminate, Layer
 from dealib.device.records import PHI, Region
-from dealib.errors import ConfigError
+from dealib.errors import ValueAt
 from dealib.fem.domain import Domain
 from dealib.fem.energies import constant
 
@@ -149,9 +149,10 @@ def _between(
             on += [p for p, (of, _) in laminate.patches.items() if of == other and p in names]
         found.append(next((port_of[name] for name in on if name in port_of), None))
     if None in found and found != [None, None] and _floats(here, k, found):
-        raise ConfigError(
-            f"physics.model: membrane needs an electrode on both sides of the layer "
-            f"{layer.name!r}; give its inner face a terminal, or solve it as a solid"
+        raise ValueAt(
+            ("physics", "model"),
+            f"a membrane needs an electrode on both sides of the layer {layer.name!r}; give its "
+            "inner face a terminal, or solve it as a solid",
         )
     return found[0], found[1]
 

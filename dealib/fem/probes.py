@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dealib.config.probes import Probe
-from dealib.errors import ConfigError
+from dealib.errors import ValueAt
 from dealib.fem import compat
 from dealib.fem.layout import Layout
 from dealib.fem.problem import Problem
@@ -52,7 +52,7 @@ class Probes:
         layout: Its layout.
 
     Raises:
-        ConfigError: If a point lies outside the mesh.
+        ValueAt: If a point lies outside the mesh.
     """
 
     def __init__(self, problem: Problem, layout: Layout) -> None:
@@ -192,7 +192,7 @@ class Probes:
         ranks = domain.comm.allgather(bool(inside))
         if not any(ranks):
             at = ", ".join(f"{v:g}" for v in x)
-            raise ConfigError(f"probe {name!r}: the point ({at}) mm lies outside the mesh")
+            raise ValueAt(("probes", name, "at"), f"the point ({at}) mm lies outside the mesh")
         if ranks.index(True) != domain.comm.rank:
             return []
         cell, reference = inside[0]

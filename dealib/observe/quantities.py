@@ -14,6 +14,7 @@ import numpy as np
 
 from dealib.device.device import Device
 from dealib.device.records import CHAMBER, KINDS, MOUNT, TERMINAL, Port, PortKind
+from dealib.errors import ValueAt
 from dealib.materials.laws import LAWS
 from dealib.materials.response import softens
 from dealib.observe.local_quantities import local_quantities
@@ -262,6 +263,9 @@ def columns(config: Any) -> dict[str, Column]:
         if probe.take == "integral":
             unit, suffix = "", ""
         quantity = Quantity(name + suffix, unit, name, lambda s, name=name: s.probe(name))
+        if any(quantity.name == column.name for column in found):
+            problem = f"the history has a column {quantity.name} already; choose another name"
+            raise ValueAt(("probes", name), problem)
         found.append(Column(quantity.name, quantity, probe=True))
     return {column.name: column for column in found}
 

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from dealib.config.follow import partner
 from dealib.config.schema import Config
 from dealib.device.records import MOUNT
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, ValueAt
 from dealib.fem.films import field_normals
 from dealib.fem.layout import Layout
 from dealib.fem.newton import Newton
@@ -75,14 +75,15 @@ class Engine:
         return tuple(x for d in self.drives for x in (d.label, d.at(at)))
 
     def check_held(self, at: float) -> None:
-        """Raise `ConfigError` if the whole device could move as a rigid body (collective)."""
+        """Raise `ValueAt` if the whole device could move as a rigid body (collective)."""
         device = self.problem.device
         laws = {port.name: law(self.progress.drives[port.name], at) for port in device.of(MOUNT)}
         loaded = {n for n, found in laws.items() if found.value is None and not found.elements}
         if motion := unheld(self.problem, self.layout, loaded):
-            raise ConfigError(
-                f"nothing holds the device against motion {motion}; fix a part of it under "
-                "`holds`, or drive a mount by its displacement or a spring"
+            raise ValueAt(
+                ("holds",),
+                f"nothing holds the device against motion {motion}; fix a part of it here, or "
+                "drive a mount by its displacement or a spring",
             )
 
     def port_pairs(self) -> dict[str, tuple[float, float]]:

@@ -49,14 +49,15 @@ class Simulation:
         resume: Checkpoint | None = None,
     ) -> None:
         self.case, self.comm = case, comm
-        self.engine = Engine(case.config, comm, mesh_file)
-        self._history = History(self.engine)
+        with case.blamed():
+            self.engine = Engine(case.config, comm, mesh_file)
+            self._history = History(self.engine)
         self._stages = case.config.program
         if self._stages[0].stage != "prestrain":
             self._stages = (Stage(stage="prestrain", duration="1 s"), *self._stages)
         if resume is not None:
             self.engine.restore(resume)
-        self.engine.check_held(0.0)
+        self._check_held()
 
     @property
     def progress(self) -> Progress:
@@ -105,7 +106,11 @@ class Simulation:
             )
         p.stage, p.stage_start, p.clock, p.branch = index, p.time, StageClock(), None
         p.over = False
-        self.engine.check_held(0.0)
+        self._check_held()
+
+    def _check_held(self) -> None:
+        with self.case.blamed():
+            self.engine.check_held(0.0)
 
     def sample(self, film: SecondFilm) -> Sampled:
         """Measure a second film by a run of its own."""

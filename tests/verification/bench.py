@@ -76,11 +76,11 @@ class Bench:
 
     def load(self, *, steps: int = 1, **duals: float) -> Bench:
         """Prescribe duals of ports (`mount`: force in N, `terminal`: charge in uC) likewise."""
-        start = {"mount": self.force, "terminal": self.charge}
-        sign = {"mount": 1.0, "terminal": -1.0}
+        start = {port: self.dual(port) for port in duals}
 
         def law(port: str, at: float) -> PortLaw:
-            return PortLaw(load=sign[port] * (start[port] + at * (duals[port] - start[port])))
+            now = start[port] + at * (duals[port] - start[port])
+            return PortLaw(load=self.problem.device.by_name[port].kind.sign * now)
 
         return self._ramp(steps, lambda at: {port: law(port, at) for port in duals})
 
@@ -102,25 +102,33 @@ class Bench:
             pass
         return self
 
+    def value(self, port: str) -> float:
+        """Of a port: displacement (mm), voltage (kV), pressure (MPa)."""
+        return self.system.map.port_values(self.system.q)[port]
+
+    def dual(self, port: str) -> float:
+        """Of a port: force (N), charge (uC), displaced volume (mm^3)."""
+        return self.problem.device.by_name[port].kind.sign * self.system.internal[port]
+
     @property
     def displacement(self) -> float:
         """Of the mount, mm."""
-        return self.system.map.port_values(self.system.q)["mount"]
+        return self.value("mount")
 
     @property
     def voltage(self) -> float:
         """Of the terminal, kV."""
-        return self.system.map.port_values(self.system.q)["terminal"]
+        return self.value("terminal")
 
     @property
     def force(self) -> float:
         """On the mount, N."""
-        return self.system.internal["mount"]
+        return self.dual("mount")
 
     @property
     def charge(self) -> float:
         """On the terminal, uC."""
-        return -self.system.internal["terminal"]
+        return self.dual("terminal")
 
     @property
     def elastic(self) -> float:
@@ -132,16 +140,18 @@ class Bench:
         """Total potential without the ports' work, elastic minus electric energy, mJ."""
         return self.problem.integrate("elastic") + self.problem.integrate("electric")
 
-    def largest(self, quantity: str, where: str) -> float:
-        """Largest value of u_R, u_Z or phi on a named region or boundary (serial)."""
-        return float(self.values(quantity, where).max())
-
     def values(self, quantity: str, where: str) -> Any:
-        """Nodal values of u_R, u_Z or phi on a named region or boundary (serial)."""
+        """Nodal values of u_R, u_Z, ... or phi on a named region or boundary (serial)."""
         from dolfinx import fem
 
-        W = self.problem.spaces.W
-        space = {"u_R": W.sub(0).sub(0), "u_Z": W.sub(0).sub(1), "phi": W.sub(1)}[quantity]
-        dim, _ = self.problem.device.groups[where]
-        dofs = fem.locate_dofs_topological(space, dim, self.problem.device.entities(where))
+        W, domain = self.problem.spaces.W, self.problem.domain
+        space = W.sub(1)
+        if quantity != "phi":
+            axis = self.problem.kinematics.axes.index(quantity.removeprefix("u_"))
+            space = W.sub(0).sub(axis)
+        dofs = fem.locate_dofs_topological(space, *domain.entities(where))
         return self.problem.spaces.w.x.array[dofs]
+
+    def largest(self, quantity: str, where: str) -> float:
+        """Largest of `values`."""
+        return float(self.values(quantity, where).max())

@@ -20,7 +20,7 @@ from dealib.config.bias import Bistable, Spring
 from dealib.config.case import Case, resolved
 from dealib.program import Simulation
 from dealib.program.follow import Branch, Found
-from dealib.program.pair import Pair, size
+from dealib.program.pair import Pair, PortVariable
 from dealib.program.predictor import Predictor
 from verification import free_block as block
 from verification.bench import config
@@ -36,7 +36,8 @@ def follow_block(
     bench = block.block(rubber, kappa)
     phi = np.sqrt((stretch**-2 - stretch**-8) * rubber.stiffening(stretch))
     end = block.charge_at(phi, stretch)
-    pair = Pair("voltage", "charge", (size(bench.problem, "voltage"), end))
+    vary, along = (PortVariable.of(bench.problem.device, n) for n in ("voltage", "charge"))
+    pair = Pair(vary, along, (vary.size(bench.problem), end))
     settings = bench.problem.config.solver
     for found in Branch(bench.newton, settings, Predictor(), pair, end, steps).run():
         yield bench.voltage, bench.charge, block.stretch(bench), found

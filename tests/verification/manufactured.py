@@ -21,16 +21,17 @@ from dolfinx import fem
 
 from dealib.config.schema import Config
 from dealib.fem import compat
-from dealib.fem.device import build_device
-from dealib.fem.energies import MixedHyperelastic
-from dealib.fem.problem import Problem, problem_on
-from dealib.geometry import names
-from dealib.geometry.supports import Support
+from dealib.fem.energies import MixedHyperelastic, Point
+from dealib.fem.problem import Problem, build_problem
 from verification.bench import Bench, config
 from verification.table import Row
 
-EDGES = (names.INNER, names.OUTER, names.FILM_TOP, names.FILM_BOTTOM)
-HELD = [Support(quantity, edge) for quantity in ("u_R", "u_Z", "phi") for edge in EDGES]
+EDGES = ["inner", "outer", "film_top", "film_bottom"]
+HELD: dict[str, Any] = {
+    "mounts": {},
+    "holds": [{"on": EDGES, "fix": ["R", "Z"]}],
+    "terminals": {"ground": {"on": EDGES, "ground": True}},
+}
 
 
 @dataclass(frozen=True)
@@ -38,9 +39,9 @@ class Sources:
     """Work of body force and charge, as an energy (see `dealib.fem.energies.Energy`)."""
 
     work: Any
-    kind: str = "film"
+    on: str = "film"
 
-    def density(self, F: Any, E: Any) -> Any:
+    def density(self, point: Point) -> Any:
         """Negative work per mesh volume."""
         return -self.work
 
@@ -55,14 +56,14 @@ def exact(mesh: Any) -> tuple[Any, Any]:
 
 def add_sources(problem: Problem) -> None:
     """Add the body force and the charge of the given fields to a problem."""
-    mesh, k = problem.device.mesh, problem.kinematics
-    R = ufl.SpatialCoordinate(mesh)[0]
-    u, phi = exact(mesh)
-    F = ufl.variable(k.deformation_gradient(u))
+    mesh, k = problem.domain.mesh, problem.kinematics
+    x = ufl.SpatialCoordinate(mesh)
+    R, (u, phi) = x[0], exact(mesh)
+    F = ufl.variable(k.deformation_gradient(u, x))
     E = ufl.variable(k.nominal_field(phi))
     # the mixed form is given by the energy of its solid: at the exact p they are the same
     parts = [getattr(part, "solid", part) for part in problem.elastic + problem.electric]
-    W = sum(part.density(F, E) for part in parts)
+    W = sum(part.density(Point(x, u, F, E)) for part in parts)
     P, D = ufl.diff(W, F), -ufl.diff(W, E)
     force = ufl.as_vector(
         [
@@ -78,8 +79,9 @@ def add_sources(problem: Problem) -> None:
 def exact_pressure(problem: Problem) -> Any:
     """The p of the mixed form at the given u: kappa (J - 1), J since the unstretched state."""
     solid = next(part.solid for part in problem.elastic if isinstance(part, MixedHyperelastic))
-    u, _ = exact(problem.device.mesh)
-    J = ufl.det(solid.total(problem.kinematics.deformation_gradient(u)))
+    mesh = problem.domain.mesh
+    F = problem.kinematics.deformation_gradient(exact(mesh)[0], ufl.SpatialCoordinate(mesh))
+    J = ufl.det(solid.total(F))
     return solid.parameters.bulk_modulus * (J - 1)
 
 
@@ -90,17 +92,17 @@ def patch(film: dict[str, Any], cells: int, order: int, mixed: bool = False) -> 
         film,
         mesh={"columns": cells, "film_rows": cells, "grading": "uniform", "order": order},
         physics={"formulation": "mixed" if mixed else "displacement"},
+        **HELD,
     )
 
 
 def errors(film: dict[str, Any], cells: int, order: int, mixed: bool) -> list[float]:
     """L2 errors of u, phi and, if mixed, p over the norms of the given fields."""
-    given = patch(film, cells, order, mixed)
-    problem = problem_on(build_device(given, MPI.COMM_WORLD), given, HELD)
+    problem = build_problem(patch(film, cells, order, mixed), MPI.COMM_WORLD)
     problem.set_prestretch(1.0)
     add_sources(problem)
     Bench(problem)
-    mesh = problem.device.mesh
+    mesh = problem.domain.mesh
     dx = ufl.Measure("dx", domain=mesh, metadata={"quadrature_degree": 10})
 
     def norm(f: Any) -> float:

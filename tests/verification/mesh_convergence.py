@@ -47,7 +47,7 @@ def solve(grading: str, columns: int) -> Solved:
     start = time.process_time()
     bench = Bench(config).load(steps=5, mount=FORCE)
     seconds = time.process_time() - start
-    layout = Layout.of(bench.problem.device, bench.problem.spaces)
+    layout = Layout.of(bench.problem)
     mesh, state = layout.mesh, layout.gather()
     assert mesh is not None
     assert state is not None

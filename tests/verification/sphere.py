@@ -11,30 +11,20 @@ mesh around the sphere, and must not be felt.
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
-
-from mpi4py import MPI
 
 import numpy as np
 
-from dealib.fem.device import Device
-from dealib.fem.problem import problem_on
-from dealib.geometry import names
-from dealib.geometry.supports import Support
+from dealib.config.schema import Config
 from dealib.units import EPSILON_0
-from verification.bench import Bench, config
+from verification.bench import Bench
 from verification.table import Row
 
 RADIUS, BOX, MU, KAPPA = 1.0, 12.0, 0.1, 1e4  # mm, mm, MPa, kappa/mu
 LOAD = 1e-4  # eps0 E0^2 / mu
-HELD = [
-    Support("u_R", "axis"),
-    Support("u_Z", "equator_plane"),
-    Support("phi", "equator_plane"),
-    *(Support(u, side) for u in ("u_R", "u_Z") for side in (names.OUTER_AIR, names.TOP_AIR)),
-    Support("phi", names.TOP_AIR, "terminal"),
-]
 SOURCE = "small-strain closed form"
 
 
@@ -61,14 +51,14 @@ def mesh(gmsh: Any, cells: int) -> None:
         lines[k] = geo.addLine(at[k[0]], at[k[1]])
         geo.mesh.setTransfiniteCurve(lines[k], 3 * cells + 1, "Progression", 1 + 1.0 / cells)
     patches = {
-        names.FILM: ("oa ab -cb -oc", "ad de -be -ab", "cb be -fe -cf"),
-        names.AIR: ("dg gh -eh -de", "fe eh -ih -fi"),
+        "film": ("oa ab -cb -oc", "ad de -be -ab", "cb be -fe -cf"),
+        "air": ("dg gh -eh -de", "fe eh -ih -fi"),
     }
     groups: dict[tuple[int, str], list[int]] = {
         (1, "axis"): [lines[k] for k in ("oc", "cf", "fi")],
         (1, "equator_plane"): [lines[k] for k in ("oa", "ad", "dg")],
-        (1, names.OUTER_AIR): [lines["gh"]],
-        (1, names.TOP_AIR): [lines["ih"]],
+        (1, "outer_air"): [lines["gh"]],
+        (1, "top_air"): [lines["ih"]],
         (1, "surface"): [lines["de"], lines["fe"]],
     }
     for region, loops in patches.items():
@@ -84,6 +74,19 @@ def mesh(gmsh: Any, cells: int) -> None:
     gmsh.model.mesh.generate(2)
 
 
+def write(file: Path, cells: int) -> None:
+    """Write the mesh."""
+    import gmsh
+
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        mesh(gmsh, cells)
+        gmsh.write(str(file))
+    finally:
+        gmsh.finalize()
+
+
 def sphere(relative: float, air_stiffness: float, cells: int = 12) -> tuple[float, float]:
     """u/R at the pole and at the equator.
 
@@ -92,27 +95,36 @@ def sphere(relative: float, air_stiffness: float, cells: int = 12) -> tuple[floa
         air_stiffness: Of the fictitious elasticity, MPa.
         cells: Fineness of the mesh.
     """
-    import gmsh
-
-    given = config(
-        dict(inner_radius=RADIUS, outer_radius=2 * RADIUS, film_thickness=RADIUS, air_height=BOX),
-        dict(
-            law="neo_hookean",
-            shear_modulus=MU,
-            bulk_modulus=KAPPA * MU,
-            relative_permittivity=relative,
-        ),
-        physics={"air_stiffness": f"{air_stiffness} MPa"},
-        solver={"tolerance": 1e-13},
-    )
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        mesh(gmsh, cells)
-        device = Device.from_gmsh(gmsh.model, MPI.COMM_WORLD)
-    finally:
-        gmsh.finalize()
-    bench = Bench(problem_on(device, given, HELD))
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "sphere.msh"
+        write(file, cells)
+        bench = Bench(
+            Config.model_validate(
+                {
+                    "name": "sphere",
+                    "geometry": {"shape": "mesh", "file": str(file), "space": "axisymmetric"},
+                    "materials": {
+                        "film": {
+                            "law": "neo_hookean",
+                            "shear_modulus": f"{MU} MPa",
+                            "bulk_modulus": f"{KAPPA * MU} MPa",
+                            "relative_permittivity": relative,
+                        }
+                    },
+                    "terminals": {
+                        "terminal": {"on": "top_air"},
+                        "ground": {"on": "equator_plane", "ground": True},
+                    },
+                    "holds": [
+                        {"on": "equator_plane", "fix": "Z"},
+                        {"on": ["outer_air", "top_air"], "fix": ["R", "Z"]},
+                    ],
+                    "physics": {"air_stiffness": f"{air_stiffness} MPa"},
+                    "solver": {"tolerance": 1e-13},
+                    "program": [{"stage": "rest"}],
+                }
+            )
+        )
     bench.move(terminal=BOX * float(np.sqrt(LOAD * MU / EPSILON_0)))
     pole, equator = bench.values("u_Z", "surface").max(), bench.values("u_R", "surface").min()
     return float(pole) / RADIUS, float(equator) / RADIUS

@@ -13,8 +13,6 @@ import ufl
 import dealib
 from dealib.fem import couplings
 from dealib.fem.energies import constant
-from dealib.fem.kinematics import inverse_transpose, jacobian
-from dealib.geometry import names
 from dealib.results.fields import fields
 from dealib.units import EPSILON_0
 
@@ -42,7 +40,7 @@ def measured(coupling, compressible=False, **mesh):
         if state.end_of_stage:
             ends[state.row["stage"]] = state.row
             if state.row["stage"] == "blocked":
-                mesh, nodal = simulation.layout.mesh, state.nodal()
+                mesh, nodal = simulation.engine.layout.mesh, state.nodal()
     found = fields(case.config, mesh, nodal)
     middle = np.unique(mesh.cells[mesh.in_region("film")])
     middle = middle[np.abs(mesh.points[middle] - [10.35, 0]).sum(axis=1) < 0.3]
@@ -110,13 +108,11 @@ def test_a_follower_pressure_on_each_face_is_hydrostatic(monkeypatch):
 
     def load(problem, v):
         if not pressure:
-            pressure.append(constant(problem.device.mesh, 0.0))
-        F, _ = problem.fields()
-        N = ufl.FacetNormal(problem.device.mesh)
-        n_da = jacobian(F) * inverse_transpose(F) * ufl.as_vector([N[0], N[1], 0])
-        work = -pressure[0] * (n_da[0] * v[0] + n_da[1] * v[1]) * problem.kinematics.volume
-        faces = (names.FILM_TOP, names.FILM_BOTTOM)
-        return sum(work * problem.facets("ds", face) for face in faces)
+            pressure.append(constant(problem.domain.mesh, 0.0))
+        face = problem.face
+        n_da = ufl.det(face.F) * ufl.inv(face.F).T * face.N
+        work = -pressure[0] * (n_da[0] * v[0] + n_da[1] * v[1])
+        return sum(problem.over_face(name, work) for name in couplings.FACES)
 
     monkeypatch.setitem(couplings.COUPLINGS, "pelrine", couplings.Loaded(load))
     changes = INCOMPRESSIBLE | {

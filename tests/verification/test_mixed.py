@@ -83,12 +83,12 @@ def test_stress_and_energy_of_the_stretched_film_at_rest():
     case = dealib.load(MEMBRANE, set=changes)
     simulation = dealib.Simulation(case)
     (state,) = simulation
-    found = fields(case.config, simulation.layout.mesh, state.nodal())
+    found = fields(case.config, simulation.engine.layout.mesh, state.nodal())
     S = found["second_pk_stress"]
     # neo-Hooke, incompressible: Cauchy stress mu (l^2 - l^-4), on the mounted area
     assert S[:, 0, 0] == pytest.approx(np.full(len(S), 1.2**2 - 1.2**-4), rel=1e-4)
     assert np.abs(S[:, 1, 1]).max() < 1e-9
-    film, g = case.config.materials.film, case.config.geometry
+    film, g = case.config.materials["film"], case.config.geometry
     lz = local.region_materials(case.config)["film"].prestretch[1]
     volume = np.pi * (g.outer_radius**2 - g.inner_radius**2) * g.film_thickness
     density = film.energy(invariants_of_stretches(1.2, lz, 1.2), SimpleNamespace(**film.parameters))
@@ -109,13 +109,13 @@ def test_stored_state_restarts():
     }
     simulation = dealib.Simulation(dealib.load(MEMBRANE, set=changes))
     *_, last = simulation
-    nodal, layout = last.nodal(), simulation.layout
-    system = simulation.newton.system
+    nodal, layout = last.nodal(), simulation.engine.layout
+    system = simulation.engine.newton.system
     system.q.set(0.0)
     layout.scatter(nodal)
     assert layout.gather()[:, :3] == pytest.approx(nodal[:, :3], abs=0)
-    system.map.restrict(simulation.problem.spaces.w, system.q)
-    assert simulation.newton.solve() <= 2
+    system.map.restrict(simulation.engine.problem.spaces.w, system.q, {})
+    assert simulation.engine.newton.solve() <= 2
     assert system.internal["mount"] == pytest.approx(last.row["force_N"], rel=1e-9)
     assert layout.gather() == pytest.approx(nodal, abs=1e-7)
 

@@ -11,40 +11,26 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from mpi4py import MPI
-
 import numpy as np
 from scipy.integrate import solve_ivp
 
 from dealib.errors import NotConverged
-from dealib.fem.device import build_device
 from dealib.fem.layout import Layout
-from dealib.fem.problem import problem_on
 from dealib.fem.system import PortLaw
 from dealib.fem.viscous import Viscosity
-from dealib.geometry import names
-from dealib.geometry.supports import Support
 from dealib.program.increments import Increments
 from dealib.program.predictor import Predictor
 from dealib.units import EPSILON_0
 from verification.bench import Bench, config
+from verification.free_block import FREE
 from verification.table import Row
 
 RADII, THICKNESS = (5.0, 10.0), 0.5
 AREA = float(np.pi * (RADII[1] ** 2 - RADII[0] ** 2))
-CONFINED = [
-    Support("u_R", names.INNER),
-    Support("u_R", names.OUTER),
-    Support("u_Z", names.FILM_BOTTOM),
-    Support("u_Z", names.FILM_TOP, "mount"),
-    Support("phi", names.FILM_TOP, "terminal"),
-    Support("phi", names.FILM_BOTTOM),
-]
-FREE = [
-    Support("u_Z", names.FILM_BOTTOM),
-    Support("phi", names.FILM_TOP, "terminal"),
-    Support("phi", names.FILM_BOTTOM),
-]
+CONFINED: dict[str, Any] = {
+    "mounts": {"mount": {"on": "film_top", "along": "Z", "free": ["R"]}},
+    "holds": [{"on": ["inner", "outer"], "fix": "R"}, {"on": "film_bottom", "fix": "Z"}],
+}
 LAW = {"law": "neo_hookean", "shear_modulus": 1.0, "bulk_modulus": 2.0}
 BRANCHES = ((0.8, 0.5), (0.4, 5.0))  # MPa, s
 
@@ -55,7 +41,7 @@ class Viscous(Bench):
     Args:
         law: The film's law, MPa.
         branches: Moduli (MPa), relaxation times (s) and perhaps evolutions.
-        held: Its supports.
+        held: Sections of the config that hold the block.
         formulation: Of the config's section `physics`.
         solver: Keys of the section.
     """
@@ -64,7 +50,7 @@ class Viscous(Bench):
         self,
         law: dict[str, Any],
         branches: Any,
-        held: list[Support],
+        held: dict[str, Any],
         formulation: str = "displacement",
         **solver: float,
     ) -> None:
@@ -78,9 +64,10 @@ class Viscous(Bench):
             mesh={"columns": 4, "film_rows": 1, "grading": "uniform"},
             physics={"formulation": formulation},
             solver={"time_tolerance": 0} | solver,
+            **held,
         )
-        super().__init__(problem_on(build_device(given, MPI.COMM_WORLD), given, held))
-        layout = Layout.of(self.problem.device, self.problem.spaces)
+        super().__init__(given)
+        layout = Layout.of(self.problem)
         self.viscosity = Viscosity(self.problem, layout)
         self.viscosity.rest()
         self.time, self._predictor = 0.0, Predictor(3, retrace=False)
