@@ -20,8 +20,8 @@ from dealib.config.tables import Tables
 from dealib.device.assembly import Sections, device
 from dealib.device.device import Device
 from dealib.device.gmsh_file import physical_names
-from dealib.device.records import TERMINAL
 from dealib.device.ports import Chamber, Hold, Mount, Terminal
+from dealib.device.records import TERMINAL
 from dealib.device.shapes import AnnularStrips, Geometry, MeshShape
 from dealib.errors import ValueAt, did_you_mean
 from dealib.section import Section

@@ -55,8 +55,8 @@ def prepare(gmsh: Any, config: Config, shape: MeshShape) -> None:
     radii = mesh.getNodes()[1][::3]
     if shape.kinematics.revolved and radii.min() < -_AXIS * radii.max():
         raise ConfigError(
-            f"{file}: it reaches R = {radii.min():g} mm, beyond the axis; an axisymmetric mesh lies at "
-            "R >= 0, its first coordinate"
+            f"{file}: it reaches R = {radii.min():g} mm, beyond the axis; an axisymmetric mesh "
+            "lies at R >= 0, its first coordinate"
         )
     if config.mesh.order == 1 and kinds - {2, 3}:
         mesh.setOrder(1)

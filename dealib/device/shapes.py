@@ -176,7 +176,7 @@ class Repeat(Section):
 
 def _form(given: object) -> str:
     """Which of both an item of a list of layers is."""
-    many = isinstance(given, Mapping) and not {"repeat", "layers"}.isdisjoint(given)
+    many = isinstance(given, dict) and not {"repeat", "layers"}.isdisjoint(given)
     return "repeated" if many or isinstance(given, Repeat) else "single"
 
 
