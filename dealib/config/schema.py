@@ -253,8 +253,8 @@ class Config(Section):
             for path, *_ in first.inputs:
                 raise ValueAt(("program", 0, *path), "a prestrain stage takes no input")
             if first.stop_when:
-                where = ("program", 0, "stop_when")
-                raise ValueAt(where, "a prestrain stage always comes to its end")
+                problem = "a prestrain stage always comes to its end"
+                raise ValueAt(("program", 0, "stop_when"), problem)
         check_materials(self.materials)
         if self.physics.formulation == "mixed" and self.mesh.order != 2:
             raise ValueAt(("mesh", "order"), "physics.formulation: mixed needs order 2")

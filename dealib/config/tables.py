@@ -75,16 +75,15 @@ class Tables(Section):
         for name in self.axes:
             if name not in config.device.variables:
                 known = ", ".join(config.device.variables)
-                where = ("tables", *name.split(".", 1))
-                raise ValueAt(where, f"the device has no {name}; it has {known}")
+                problem = f"the device has no {name}; it has {known}"
+                raise ValueAt(("tables", *name.split(".", 1)), problem)
 
     @model_validator(mode="after")
     def _ranges(self) -> Tables:
         axes = self.axes
         for name, (first, last) in axes.items():
             if first == last:
-                where = tuple(name.split(".", 1))
-                raise ValueAt(where, "the first and the last value must differ")
+                raise ValueAt(tuple(name.split(".", 1)), "the first and the last value must differ")
         if not 2 <= len(axes) <= _MOST:
             raise ValueAt((), f"tables are of two or three variables, not of {len(axes)}")
         if self.points is not None and len(self.points) != len(axes):

@@ -34,9 +34,17 @@ class Draft(Protocol):
         circle: Centre and radius of a circular part, if there is one.
     """
 
-    sectors: int
-    symmetry: str
-    circle: tuple[float, float, float] | None
+    @property
+    def sectors(self) -> int:
+        """See above."""
+
+    @property
+    def symmetry(self) -> str:
+        """See above."""
+
+    @property
+    def circle(self) -> tuple[float, float, float] | None:
+        """See above."""
 
     def lines(self, axis: str, limits: Span, fine: tuple[bool, bool] = (True, True)) -> Array:
         """Grid lines along an axis, fine where something begins or ends.
@@ -63,6 +71,7 @@ class Base(Section):
         mirrors: Axes across which it may be cut in half where it is solved in three dimensions.
     """
 
+    kind: str
     along: ClassVar[str] = "R"
     across: ClassVar[str] = "Z"
     ends: ClassVar[tuple[str | None, ...]]
@@ -236,7 +245,9 @@ class Rectangle(Base):
 
     along: ClassVar[str] = "X"
     ends: ClassVar[tuple[str | None, ...]] = ("left", "right", "front", "back")
-    holds: ClassVar[tuple[Held, ...]] = tuple((end, ("X", "Y", "Z")) for end in ends)
+    holds: ClassVar[tuple[Held, ...]] = tuple(
+        (end, ("X", "Y", "Z")) for end in ("left", "right", "front", "back")
+    )
     mirrors: ClassVar[str] = "XY"
 
     kind: Literal["rectangle"]
@@ -267,12 +278,13 @@ class Rectangle(Base):
         """See `Base`."""
         spans = [("X", self.length / 2), ("Y", self.width / 2)]
         limits = [(0.0 if axis in draft.symmetry else -half, half) for axis, half in spans]
-        lines = [
+        x, y = (
             draft.lines(axis, limit, (axis not in draft.symmetry, True))
             for (axis, _), limit in zip(spans, limits, strict=True)
-        ]
-        plan = plans.tensor(*lines) if draft.circle is None else plans.with_circle(draft, lines)
-        names = dict(zip(self.ends, zip((0, 0, 1, 1), np.ravel(limits), strict=True), strict=True))
+        )
+        plan = plans.tensor(x, y) if draft.circle is None else plans.with_circle(draft, [x, y])
+        ends = ("left", "right", "front", "back")
+        names = dict(zip(ends, zip((0, 0, 1, 1), np.ravel(limits), strict=True), strict=True))
         cut = {"XY".index(axis): axis for axis in draft.symmetry}
         sides = {n: at for n, at in names.items() if not (at[0] in cut and at[1] == 0)}
         return plans.symmetric(plans.bordered(plan, sides), draft.symmetry)

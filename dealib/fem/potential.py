@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import Any
@@ -18,7 +18,7 @@ from dealib.config.schema import Config
 from dealib.device.device import Device
 from dealib.device.kinematics import Kinematics
 from dealib.fem import compat
-from dealib.fem.chambers import sides
+from dealib.fem.chambers import ChamberPressure, sides
 from dealib.fem.constraints import ConstraintMap
 from dealib.fem.couplings import Coupling
 from dealib.fem.domain import Domain, Spaces
@@ -65,7 +65,7 @@ class Problem:
     groups: tuple[Group, ...]
     elastic: list[Energy]
     electric: list[Energy]
-    loads: list[tuple[str, Energy]]
+    loads: list[tuple[str, ChamberPressure]]
     values: dict[str, Any]
     mesh_motion: list[Energy]
     coupling: Coupling
@@ -158,7 +158,7 @@ class Problem:
         )
         return density * size * self.measure(group)
 
-    def over_face(self, name: str, density: Any, regions: Sequence[str] = ()) -> Any:
+    def over_face(self, name: str, density: Any, *regions: str) -> Any:
         """Integral over a boundary of a density at `face`, on the side of some regions.
 
         Args:
@@ -201,13 +201,18 @@ class Problem:
     def _faces(self, name: str) -> Iterator[tuple[Callable[[Any], Any], Point]]:
         """How to integrate over a face, and a point on it."""
         if not self.kinematics.sheet:
-            solids = [region.name for region in self.device.solids]
-            yield partial(self.over_face, name, regions=solids), self.face
+            yield partial(self._on_face, name), self.face
             return
         for area, point in sheet_faces(self.domain, self.spaces.w, name):
             tag = 1 + self._places.index((area,))
             size = self.kinematics.volume(ufl.SpatialCoordinate(self.domain.mesh))
-            yield lambda f, t=tag, s=size: f * s * self._measure("dx", self._tags)(t), point
+            yield partial(self._on_sheet, size, tag), point
+
+    def _on_face(self, name: str, density: Any) -> Any:
+        return self.over_face(name, density, *(region.name for region in self.device.solids))
+
+    def _on_sheet(self, size: Any, tag: int, density: Any) -> Any:
+        return density * size * self._measure("dx", self._tags)(tag)
 
     def between(self, port: str) -> list[tuple[Group, Sheet]]:
         """Layers of a sheet whose field a terminal drives."""
@@ -232,7 +237,7 @@ class Problem:
 
     def _corner(self, one: str, other: str) -> Any:
         """Second derivative of the potential by the values of two ports, condensed likewise."""
-        found = 0
+        found: Any = 0
         for group, sheet in self.between(one):
             if other in sheet.between:
                 density = self.density(group)
@@ -265,15 +270,19 @@ class Problem:
             return compat.form(self.potential(getattr(self, name)))
         kind, *ports = name.split(" ")
         if ports:
-            made = {"dual": self._dual, "column": self._column, "corner": self._corner}
+            made: dict[str, Callable[..., Any]] = {
+                "dual": self._dual,
+                "column": self._column,
+                "corner": self._corner,
+            }
             found = made[kind](*ports)
             return compat.form(found) if found else None
         test, trial = ufl.TestFunction(W), ufl.TrialFunction(W)
         if name.startswith("mesh") and not self.mesh_motion:
             return None
         parts = self.mesh_motion if name.startswith("mesh") else self.body + self.electric
-        ports = [] if name.startswith("mesh") else dict.fromkeys(name for name, _ in self.loads)
-        loads = sum(ufl.derivative(self.load_of(port), w, test) for port in ports)
+        loaded = {} if name.startswith("mesh") else dict.fromkeys(port for port, _ in self.loads)
+        loads = sum(ufl.derivative(self.load_of(port), w, test) for port in loaded)
         if name.endswith("residual"):
             given = name.startswith("mesh") or self.coupling.symmetric
             first = self.first(parts, test) if given else self.coupling.residual(self, test)

@@ -87,7 +87,7 @@ def problem_on(domain: Domain, config: Config) -> Problem:
     values = {port.name: ufl.variable(constant(mesh, 0.0)) for port in free}
     if sheet:
         equip(domain, spaces, groups, values, degree)
-    loads: list[tuple[str, Energy]] = [
+    loads = [
         (p.name, energy)
         for p in device.of(CHAMBER)
         for energy in chamber_energies(domain, p, values[p.name])

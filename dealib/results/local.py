@@ -321,7 +321,7 @@ def thickness_stretches(
         moved[..., normal] *= s[..., None]
         k = Deformation(moved, determinant(moved), moved, moved)
         S = material.elastic_stress(k, None, internal)
-        eps = material.permittivity
+        eps: Any = material.permittivity
         if material.slope:
             k = Deformation(moved, k.J, inverse(moved), moved)
             eps = material.permittivity_at(k)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def voltages(history: pandas.DataFrame) -> pandas.Series[float]:
     """Largest voltage of any terminal, kV, row by row."""
-    names = [name for name in history if name.partition(".")[0] == TERMINAL.primal.column]
+    names = [name for name in map(str, history) if name.partition(".")[0] == TERMINAL.primal.column]
     return history[names].abs().max(axis=1)
 
 

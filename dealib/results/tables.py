@@ -260,7 +260,7 @@ def collect(run: Run) -> Tables:
         raise ConfigError(f"{run.directory}: its config has no tables; see dealib export")
     h, device = run.history, run.config.device
     axes = {device.column(n): np.sort(_in_column(device, n, g)) for n, g in wanted.grids.items()}
-    names = [*map(_dual, axes), *(c for c in h if _stem(c) == "capacitance_pF")]
+    names = [*map(_dual, axes), *(c for c in map(str, h) if _stem(c) == "capacitance_pF")]
     potential = h["elastic_energy_mJ"] - h["electric_energy_mJ"]
     values = np.column_stack([*(h[c] for c in names), potential])
     sizes = np.array([np.ptp(grid) for grid in axes.values()])
@@ -315,9 +315,10 @@ def _read(file: Path) -> Iterator[tuple[str, Array]]:
         import pandas as pd
 
         rows = pd.read_csv(file, float_precision="round_trip")
-        axes = [name for name in rows if _stem(name) in _KINDS]
+        names = [str(name) for name in rows]
+        axes = [name for name in names if _stem(name) in _KINDS]
         rows = rows.sort_values(axes)
         grids = {axis: np.unique(rows[axis]) for axis in axes}
         yield from grids.items()
         shape = tuple(map(len, grids.values()))
-        yield from ((n, rows[n].to_numpy().reshape(shape)) for n in rows if n not in grids)
+        yield from ((n, rows[n].to_numpy().reshape(shape)) for n in names if n not in grids)
