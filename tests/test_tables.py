@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -181,3 +182,45 @@ def test_command_goes_on_where_it_was_stopped(tmp_path):
     assert json.loads((out / "run.json").read_text())["status"] == "done"
     for key, values in dealib.tables(out).plain().items():
         assert np.allclose(values, whole[key], rtol=1e-9, atol=1e-12), key
+
+
+def test_three_ports(tmp_path):
+    """Two terminals and a mount: duals between the nodes, and reciprocity of all pairs."""
+    sizes = {"displacement": "[0 mm, -1 mm]", "points": "[4, 3, 3]"}
+    axes = {f"tables.{key}": value for key, value in sizes.items()}
+    given = dealib.load(
+        CONFIGS / "devices" / "segmented_annulus.yaml",
+        set={
+            **{"mesh.columns": "16", "mesh.film_rows": "1"},
+            **axes,
+            "tables.voltage": "{drive: [0 kV, 1 kV], sense: [0 kV, 1 kV]}",
+        },
+    )
+    tables = collect(dealib.simulate(tables_case(given), tmp_path / "t"))
+    assert list(tables.axes) == ["displacement_mm", "voltage_kV.drive", "voltage_kV.sense"]
+    assert tables["charge_uC.sense"].shape == (4, 3, 3)
+    at, h = [-0.61, 0.8, 0.3], 1e-4
+    names = ["displacement", "voltage.drive", "voltage.sense"]
+    for i, dual in enumerate(["force", "charge.drive", "charge.sense"]):
+        for j, by in enumerate(names):
+            moved = [[x + sign * h * (k == j) for k, x in enumerate(at)] for sign in (1, -1)]
+            slope = (tables.dual(dual, *moved[0]) - tables.dual(dual, *moved[1])) / (2 * h)
+            assert slope == pytest.approx(tables.slope(dual, by, *at), rel=1e-6, abs=1e-9), (i, j)
+    program = [
+        {"stage": "go", "mount": {"displacement": f"{at[0]} mm"}, "steps": 2},
+        {
+            "stage": "on",
+            "terminals": {n: {"voltage": f"{v} kV"} for n, v in zip(("drive", "sense"), at[1:])},
+        },
+    ]
+    stages = [type(given.config.program[0]).model_validate(s) for s in program]
+    config = given.config.model_copy(update={"program": tuple(stages)})
+    *_, last = dealib.Simulation(replace(given, config=config))
+    assert tables.dual("charge.drive", *at) == pytest.approx(last.row["charge_uC.drive"], rel=1e-3)
+    assert tables.dual("charge.sense", *at) == pytest.approx(last.row["charge_uC.sense"], rel=1e-3)
+    assert tables.dual("force", *at) == pytest.approx(last.row["force_N"], rel=2e-3)
+    for ending in ("csv", "h5", "mat"):
+        tables.save(tmp_path)
+        read = dealib.tables(tmp_path / f"tables.{ending}")
+        assert list(read.plain()) == list(tables.plain())
+        assert all(np.array_equal(read[name], values) for name, values in tables.plain().items())
