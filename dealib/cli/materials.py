@@ -70,14 +70,11 @@ def law_of_config(path: Path, region: str) -> tuple[str, Law]:
     """
     from dealib.config import load
 
-    materials = load(path).config.materials
-    known = type(materials).model_fields
+    known = load(path).config.materials
     if region not in known:
-        raise ConfigError(f"--region {region}: no such material{did_you_mean(region, known)}")
-    found = getattr(materials, region)
-    if found is None:
-        raise ConfigError(f"--region {region}: {path} has no such material")
-    return found.law, found
+        hint = did_you_mean(region, known)
+        raise ConfigError(f"--region {region}: {path} has no such material{hint}")
+    return known[region].law, known[region]
 
 
 def plot_law(law: Law, name: str, largest: float, out: Path, dark: bool, overwrite: bool) -> None:

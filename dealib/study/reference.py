@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from dealib.config.columns import COLUMNS
 from dealib.config.reference import json_schema, kind, meaning, sections
+from dealib.observe.quantities import QUANTITIES
 from dealib.study.expressions import COMMON, KINDS, OF_A_CASE, OF_ALL_CASES
 from dealib.study.schema import MaterialTest, Study
 
@@ -57,5 +57,10 @@ def _functions() -> Iterator[str]:
 
 def _columns() -> Iterator[str]:
     yield from ("", "## Columns of history.csv", "")
-    yield from ("Not every run has all of them.", "", "| column | unit |", "|---|---|")
-    yield from (f"| `{name}` | {unit} |".replace("  ", " ") for name, unit in COLUMNS.items())
+    yield "Not every run has all of them. Where a device has several ports of a kind, a column of"
+    yield "each has the port's name at its end, such as `voltage_kV.left`, and capacitances that of"
+    yield "a pair, `capacitance_pF.left.right`; probes add columns of their own."
+    yield from ("", "| column | what | unit | needs |", "|---|---|---|---|")
+    for q in QUANTITIES:
+        of = f", of each {q.kind.name}" if q.kind is not None else ""
+        yield f"| `{q.name}` | {q.label}{of} | {q.unit} | {q.needs.text} |".replace("  ", " ")

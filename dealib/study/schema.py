@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from dealib.config.materials import ElectrodeMaterial
+from dealib.config.materials import Material
 from dealib.config.schema import Name
 from dealib.errors import ValueAt, did_you_mean
 from dealib.section import Section
@@ -23,8 +23,8 @@ _WHERE = "only cases with these labels on an axis of `vary`"
 class MaterialTest(Section):
     """A test of a material alone, instead of a run: columns `stretch`, `strain`, `stress_MPa`."""
 
-    material: ElectrodeMaterial = Field(
-        description="a law and its parameters, as materials.electrode of a config"
+    material: Material = Field(
+        description="a law and its parameters, as one of `materials` of a config"
     )
     mode: Literal["uniaxial", "equal-biaxial", "pure shear"] = Field(
         "uniaxial", description="also the name of its one stage"

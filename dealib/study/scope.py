@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from dealib.config.columns import COLUMNS
 from dealib.config.schema import Config
 from dealib.errors import did_you_mean
-from dealib.geometry import names
+from dealib.observe import quantities
 from dealib.plots.quantities import QUANTITIES
 from dealib.study import sample
 from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression, Signature
@@ -130,7 +129,9 @@ def _argument(kind: str, value: Any, work: Work, labels: Sequence[str]) -> None:
 
 def columns(work: Work) -> list[str]:
     """Names that an expression over one case may read."""
-    return list(COLUMNS) if isinstance(work, Config) else ["stretch", "strain", "stress_MPa"]
+    if not isinstance(work, Config):
+        return ["stretch", "strain", "stress_MPa"]
+    return list(quantities.columns(work))
 
 
 def stages(work: Work) -> list[str]:
@@ -145,7 +146,7 @@ def regions(work: Work) -> list[str]:
     """Regions of the mesh."""
     if not isinstance(work, Config):
         return []
-    return [name for name, dimension in names.expected(work.geometry).items() if dimension == 2]
+    return [region.name for region in work.device.regions]
 
 
 def setting(work: Work, path: str) -> float:
