@@ -84,6 +84,14 @@ class Physics(Section):
         description="membrane: of laminates, on the middle surface, without bending; the deviation "
         "is linear in the thickness over the span",
     )
+    wrinkling: Literal["taut", "tension_field"] = Field(
+        "taut",
+        description="of membranes; taut: they bear compression; tension_field: they wrinkle finely "
+        "where they would be pressed",
+    )
+    slack_stiffness: float = Field(
+        1e-4, gt=0, le=0.1, description="share of a film's stiffness that it keeps where it wrinkles"
+    )
     formulation: Literal["displacement", "mixed"] = Field(
         "displacement",
         description="displacement: u and phi; mixed: u, phi and the pressure, for bulk moduli "
@@ -258,6 +266,8 @@ class Config(Section):
         check_materials(self.materials)
         if self.physics.formulation == "mixed" and self.mesh.order != 2:
             raise ValueAt(("mesh", "order"), "physics.formulation: mixed needs order 2")
+        if self.physics.wrinkling != "taut" and self.physics.model != "membrane":
+            raise ValueAt(("physics", "wrinkling"), "tension_field is for physics.model: membrane")
         if self.physics.model == "membrane":
             if self.physics.formulation == "mixed":
                 where = ("physics", "formulation")

@@ -189,20 +189,40 @@ class SheetKinematics(Kinematics):
             return 1
         return 1 + u[0] / (position[0] if self.lies[0] == 0 else self.offset)
 
-    def sheet_gradient(self, u: Any, position: Any, across: Any) -> Any:
-        """F of shape (3, 3) but for a rotation, at a thickness stretch."""
+    def metric(self, u: Any, position: Any) -> tuple[Any, ...]:
+        """Components of the metric C = F^T F in the sheet that can change, as UFL expressions.
+
+        11, 22 and 12 in three dimensions; along and around the axis; along only in plane strain.
+        """
         import ufl
 
         tangents = self.tangents(u)
         if self.dim == 3:
             a, b = tangents
-            first = ufl.sqrt(ufl.dot(a, a))
-            shear = ufl.dot(a, b) / first
-            second = ufl.sqrt(ufl.dot(b, b) - shear**2)
-            return ufl.as_matrix([[first, shear, 0], [0, second, 0], [0, 0, across]])
-        along = ufl.sqrt(ufl.dot(tangents[0], tangents[0]))
-        diagonal = {self.lies[0]: along, self.normal: across, 2: self.around(u, position)}
-        return ufl.as_matrix([[diagonal[i] if i == j else 0 for j in range(3)] for i in range(3)])
+            return ufl.dot(a, a), ufl.dot(b, b), ufl.dot(a, b)
+        along = ufl.dot(tangents[0], tangents[0])
+        return (along, self.around(u, position) ** 2) if self.revolved else (along,)
+
+    @property
+    def plane(self) -> tuple[int, int]:
+        """Components of tensors that the metric's components 1 and 2 belong to."""
+        return (self.lies[0], self.lies[1]) if self.dim == 3 else (self.lies[0], 2)
+
+    def sheet_gradient(self, metric: tuple[Any, ...], across: Any) -> Any:
+        """F of shape (3, 3) but for a rotation, at a metric and a thickness stretch."""
+        import ufl
+
+        first = ufl.sqrt(metric[0])
+        F = [[0 if i != j else 1 for j in range(3)] for i in range(3)]
+        one, two = self.plane
+        F[self.normal][self.normal] = across
+        F[one][one] = first
+        if len(metric) == 3:
+            F[one][two] = metric[2] / first
+            F[two][two] = ufl.sqrt(metric[1] - metric[2] ** 2 / metric[0])
+        elif len(metric) == 2:
+            F[two][two] = ufl.sqrt(metric[1])
+        return ufl.as_matrix(F)
 
     def area_vector(self, u: Any, position: Any) -> Any:
         """Deformed area per area of the mesh, across it, of shape (3,)."""

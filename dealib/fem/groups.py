@@ -48,18 +48,26 @@ class Sheet:
         thickness: As mounted, mm.
         between: Terminals below and above; '' for ground; None where there is no electrode.
         stretch: Thickness stretch since mounting, a function at the quadrature points.
-        point: A point of the layer, whose thickness stretch is the variable `across`.
-        across: UFL variable of `stretch`.
-        update: Compiled step of Newton's method for the stretch.
+        excess: What wrinkles add to the metric, a function there.
+        field: Nominal field across, a constant, kV/mm.
+        variables: UFL variables that the energy is one of: the metric's components, the field if
+            there is one, and the thickness stretch.
+        point: A point of the layer, made of these.
     """
 
     area: str
     thickness: float
     between: tuple[str | None, str | None]
     stretch: Any = None
+    excess: Any = None
+    field: Any = None
+    variables: tuple[Any, ...] = ()
     point: Any = None
-    across: Any = None
-    update: Any = None
+
+    @property
+    def driven(self) -> bool:
+        """Whether there can be a voltage across it."""
+        return None not in self.between and self.between != ("", "")
 
 
 def solid_groups(config: Config, domain: Domain) -> tuple[Group, ...]:

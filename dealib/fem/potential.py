@@ -17,6 +17,7 @@ from dolfinx import fem
 from dealib.config.schema import Config
 from dealib.device.device import Device
 from dealib.device.kinematics import Kinematics
+from dealib.device.records import TERMINAL
 from dealib.fem import compat
 from dealib.fem.chambers import ChamberPressure, sides
 from dealib.fem.constraints import ConstraintMap
@@ -32,7 +33,7 @@ from dealib.fem.energies import (
     second_variation,
 )
 from dealib.fem.groups import Group, Sheet
-from dealib.fem.sheet import sheet_faces
+from dealib.fem.sheet import SheetModel, sheet_faces
 from dealib.materials import thickness_stretch
 from dealib.units import EPSILON_0
 
@@ -56,6 +57,7 @@ class Problem:
         locking: Constant: the share of a law's extensibility that `locked` asks for.
         branches: Potentials of the Maxwell branches over a time step.
         terms: What they depend on besides the deformation (`Viscosity` sets it); None without.
+        sheet: Energies of a sheet; None for solids.
     """
 
     config: Config
@@ -72,6 +74,7 @@ class Problem:
     locking: Any
     branches: list[Energy] = field(default_factory=list)
     terms: Any = None
+    sheet: SheetModel | None = None
     _forms: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -214,38 +217,28 @@ class Problem:
     def _on_sheet(self, size: Any, tag: int, density: Any) -> Any:
         return density * size * self._measure("dx", self._tags)(tag)
 
-    def between(self, port: str) -> list[tuple[Group, Sheet]]:
-        """Layers of a sheet whose field a terminal drives."""
-        return [(group, sheet) for group, sheet in self.sheets if port in sheet.between]
-
     def _dual(self, port: str) -> Any:
-        """Derivative of the potential by the value of a port."""
-        value = self.values[port]
-        parts = (self.over(g.name, ufl.diff(self.density(g), value)) for g, _ in self.between(port))
-        return self.load_of(port, derive=True) + sum(parts)
+        """Derivative of the potential by the value of a port; 0 without."""
+        found = self.load_of(port, derive=True)
+        if self.sheet is not None and self._terminal(port):
+            found += self.sheet.dual(port)
+        return found
 
     def _column(self, port: str) -> Any:
-        """Derivative of that by the state, thickness stretches condensed out."""
-        W, w = self.spaces.W, self.spaces.w
-        found = ufl.derivative(self._dual(port), w, ufl.TestFunction(W))
-        for group, sheet in self.between(port):
-            slope = ufl.diff(self.density(group), sheet.across)
-            test = ufl.derivative(slope, w, ufl.TestFunction(W))
-            share = ufl.diff(slope, self.values[port]) / ufl.diff(slope, sheet.across)
-            found = found - self.over(group.name, share * test)
-        return found
+        """Derivative of that by the state."""
+        test = ufl.TestFunction(self.spaces.W)
+        if self.sheet is not None and self._terminal(port):
+            return self.sheet.column(port, test)
+        return ufl.derivative(self._dual(port), self.state, test)
 
     def _corner(self, one: str, other: str) -> Any:
-        """Second derivative of the potential by the values of two ports, condensed likewise."""
-        found: Any = 0
-        for group, sheet in self.between(one):
-            if other in sheet.between:
-                density = self.density(group)
-                slope = ufl.diff(density, sheet.across)
-                a, b = (ufl.diff(slope, self.values[port]) for port in (one, other))
-                mixed = ufl.diff(ufl.diff(density, self.values[one]), self.values[other])
-                found += self.over(group.name, mixed - a * b / ufl.diff(slope, sheet.across))
-        return found
+        """Second derivative of the potential by the values of two ports; 0 without."""
+        if self.sheet is not None and self._terminal(one) and self._terminal(other):
+            return self.sheet.corner(one, other)
+        return 0
+
+    def _terminal(self, port: str) -> bool:
+        return self.device.by_name[port].kind == TERMINAL
 
     # --- forms -----------------------------------------------------------------------------------
 
@@ -267,7 +260,8 @@ class Problem:
         if name == "locked":
             return compat.form(self._locked_volume())
         if name in ("elastic", "electric"):
-            return compat.form(self.potential(getattr(self, name)))
+            found = self.sheet.energy(name) if self.sheet else self.potential(getattr(self, name))
+            return compat.form(found)
         kind, *ports = name.split(" ")
         if ports:
             made: dict[str, Callable[..., Any]] = {
@@ -289,13 +283,13 @@ class Problem:
             return compat.form(first + loads)
         if not self.coupling.symmetric and not name.startswith("mesh"):
             return compat.form(ufl.derivative(self.coupling.residual(self, test), w, trial))
-        total = self.second(parts, test, trial) + (ufl.derivative(loads, w, trial) if loads else 0)
-        for group, sheet in self.sheets:
-            total = total - self._condensed(group, sheet)
-        return compat.form(total)
+        second = self.second(parts, test, trial)
+        return compat.form(second + (ufl.derivative(loads, w, trial) if loads else 0))
 
     def first(self, energies: list[Energy], test: Any) -> Any:
         """First variation of the sum of energies."""
+        if self.sheet is not None:
+            return self.sheet.first(test)
         return _sum(
             self.over(e.on, first_variation(e, self.point_of(e.on), self.state, test))
             for e in energies
@@ -303,34 +297,29 @@ class Problem:
 
     def second(self, energies: list[Energy], test: Any, trial: Any) -> Any:
         """Second variation of the sum of energies."""
+        if self.sheet is not None:
+            return self.sheet.second(test, trial)
         return _sum(
             self.over(e.on, second_variation(e, self.point_of(e.on), self.state, test, trial))
             for e in energies
         )
 
-    def _condensed(self, group: Group, sheet: Sheet) -> Any:
-        """What the thickness stretch of a layer, which follows the state, takes off the tangent."""
-        W, w = self.spaces.W, self.spaces.w
-        slope = ufl.diff(self.density(group), sheet.across)
-        by_test, by_trial = (
-            ufl.derivative(slope, w, direction)
-            for direction in (ufl.TestFunction(W), ufl.TrialFunction(W))
+    def densities(self, group: Group) -> tuple[Any, Any, Any]:
+        """Elastic energy of a group without branches, the electric one, and the sum of all."""
+        point = self.point_of(group.name)
+        parts = [
+            [density(e, point) for e in energies if e.on == group.name]
+            for energies in (self.elastic, self.electric, self.branches)
+        ]
+        elastic, electric, branches = (
+            sum(found) if found else 0 * point.F[0, 0] for found in parts
         )
-        return self.over(group.name, by_test * by_trial / ufl.diff(slope, sheet.across))
-
-    def density(self, group: Group) -> Any:
-        """Density of all energies of a group."""
-        energies = [e for e in (*self.body, *self.electric) if e.on == group.name]
-        return _sum(density(e, self.point_of(group.name)) for e in energies)
+        return elastic, electric, elastic + electric + branches
 
     def settle(self) -> None:
-        """Bring the thickness stretches of sheets to where they belong at the current state.
-
-        Newton's method at each quadrature point; where it does not end, the stretch is not a
-        number, which the solver sees.
-        """
-        for _, sheet in self.sheets:
-            sheet.update()
+        """Bring what a sheet has inside to where it belongs at the current state."""
+        if self.sheet is not None:
+            self.sheet.settle()
 
     def locked(self, share: float = 0.99) -> bool:
         """Whether a law is somewhere stretched to a share of its limit (see `Law.extension`).

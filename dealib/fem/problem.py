@@ -28,7 +28,7 @@ from dealib.fem.energies import (
 )
 from dealib.fem.groups import Group, sheet_groups, solid_groups
 from dealib.fem.potential import Problem, quadrature_degree
-from dealib.fem.sheet import compile_update, equip
+from dealib.fem.sheet import SheetModel, equip
 from dealib.units import EPSILON_0
 
 __all__ = ["Problem", "build_problem", "problem_on", "quadrature_degree"]
@@ -86,7 +86,7 @@ def problem_on(domain: Domain, config: Config) -> Problem:
     free = (*device.of(CHAMBER), *(device.of(TERMINAL) if sheet else ()))
     values = {port.name: ufl.variable(constant(mesh, 0.0)) for port in free}
     if sheet:
-        equip(domain, spaces, groups, values, degree)
+        equip(domain, spaces, groups, degree)
     loads = [
         (p.name, energy)
         for p in device.of(CHAMBER)
@@ -108,9 +108,25 @@ def problem_on(domain: Domain, config: Config) -> Problem:
         branches=branches,
         terms=terms,
     )
-    for group, layer in problem.sheets:
-        compile_update(domain, layer, problem.density(group), degree)
+    if sheet:
+        volts = {port.name: values[port.name] for port in device.of(TERMINAL)}
+        problem.sheet = SheetModel(
+            *(domain, spaces, groups, problem.densities, volts, degree), _slack(config, groups)
+        )
     return problem
+
+
+def _slack(config: Config, groups: tuple[Group, ...]) -> dict[str, float] | None:
+    """Stiffness that wrinkled parts of a sheet keep, N/mm; None if the sheet is taut."""
+    if config.physics.wrinkling == "taut":
+        return None
+    found: dict[str, float] = {}
+    for group in groups:
+        assert group.sheet is not None
+        whole = config.materials[group.material].shear_modulus_at_rest * group.sheet.thickness
+        share = config.physics.slack_stiffness * whole
+        found[group.sheet.area] = found.get(group.sheet.area, 0.0) + share
+    return found
 
 
 def _permittivity(mesh: Any, region: Region) -> Any:

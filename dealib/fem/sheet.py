@@ -1,13 +1,18 @@
 """Membranes: all layers of a laminate on its middle surface, without bending.
 
-Each layer of mounted thickness H adds H W(F) / det F_p with the deformation gradient of the middle
-surface and a thickness stretch s of its own, at which the energy is stationary: the layer is free
-of stress across. The field between two electrodes is the voltage over H s.
+Each layer of mounted thickness H adds H W(F) / det F_p with the metric of the middle surface and a
+thickness stretch s of its own, at which the energy is stationary: the layer is free of stress
+across. The field between two electrodes is the voltage over H s. In tension fields the metric is
+that of the wrinkled sheet (see `materials.wrinkling`).
+
+The energy is so a function of the metric's components and of the terminals' voltages alone. Its
+first and second derivatives by these are found at the quadrature points and kept there; the forms
+are the same for all laws.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -18,78 +23,302 @@ from dealib.device.kinematics import SheetKinematics
 from dealib.device.laminate import JOIN
 from dealib.fem import compat
 from dealib.fem.domain import Domain, Spaces
-from dealib.fem.energies import Point
+from dealib.fem.energies import Point, constant
 from dealib.fem.groups import Group, Sheet, areas
+from dealib.materials.wrinkling import Wrinkles
 
 _ENOUGH, _MOST = 1e-13, 60  # change of a stretch at which it is there, and steps
+_ELASTIC, _ELECTRIC, _FIRST = 0, 1, 2  # where the energies and their derivatives are kept
+
+Densities = Callable[[Group], tuple[Any, Any, Any]]
 
 
-def equip(
-    domain: Domain,
-    spaces: Spaces,
-    groups: Sequence[Group],
-    values: Mapping[str, Any],
-    degree: int,
-) -> None:
-    """Give each layer its point and the function of its thickness stretch.
+def equip(domain: Domain, spaces: Spaces, groups: Sequence[Group], degree: int) -> None:
+    """Give each layer its point, its thickness stretch and its field.
 
     Args:
         domain: The mesh.
         spaces: The state.
         groups: The layers.
-        values: Voltages of the terminals, UFL variables.
         degree: Quadrature degree.
     """
     mesh, kinematics = domain.mesh, domain.device.kinematics
     assert isinstance(kinematics, SheetKinematics)
-    Q = compat.functionspace(mesh, compat.quadrature_element(mesh, degree, 1))
+    scalars = compat.functionspace(mesh, compat.quadrature_element(mesh, degree, 1))
     x, u = ufl.SpatialCoordinate(mesh), ufl.split(spaces.w)[0]
+    metric = kinematics.metric(u, x)
+    size = len(metric)
+    excess = fem.Function(
+        compat.functionspace(mesh, compat.quadrature_element(mesh, degree, size)), name="excess"
+    )
     for group in groups:
         sheet = group.sheet
         assert sheet is not None
-        sheet.stretch = fem.Function(Q, name="stretch")
+        sheet.excess, sheet.stretch = excess, fem.Function(scalars, name="stretch")
         sheet.stretch.x.array[:] = 1.0
-        sheet.across = ufl.variable(sheet.stretch[0])
-        F = kinematics.sheet_gradient(u, x, sheet.across)
-        volts = [values.get(port, 0.0) if port else 0.0 for port in sheet.between]
-        across = 0.0 if None in sheet.between else (volts[0] - volts[1]) / sheet.thickness
-        E = ufl.as_vector([across if k == group.normal else 0.0 for k in range(3)])
-        sheet.point = Point(x, u, F, E)
+        parts = [ufl.variable(c + excess[k]) for k, c in enumerate(metric)]
+        sheet.field = constant(mesh, 0.0)
+        field, across = ufl.variable(sheet.field), ufl.variable(sheet.stretch[0])
+        sheet.variables = (*parts, *([field] if sheet.driven else []), across)
+        F = kinematics.sheet_gradient(tuple(parts), across)
+        E = ufl.as_vector([field if k == group.normal and sheet.driven else 0 for k in range(3)])
+        sheet.point = Point(x, u, F, E, principal=kinematics.dim == 2)
 
 
-def compile_update(domain: Domain, sheet: Sheet, density: Any, degree: int) -> None:
-    """Compile the step of a layer's thickness stretch.
+class Layer:
+    """Energy of one layer at the quadrature points, as a function of metric and voltages.
 
     Args:
         domain: The mesh.
         sheet: The layer.
-        density: Of all its energies.
+        energies: Its elastic energy without branches, the electric one, and the sum of all.
+        ports: Terminals, in the order in which their voltages count.
         degree: Quadrature degree.
     """
-    points, _ = compat.quadrature(domain.mesh, degree)
-    slope = ufl.diff(density, sheet.across)
-    by_log = slope * sheet.across  # in ln s, so that it stays above zero
-    step = by_log / (ufl.diff(slope, sheet.across) * sheet.across**2 + by_log)
-    sheet.update = _Update(domain, sheet, compat.expression(step, points), len(points))
 
-
-class _Update:
-    """Newton's method for the thickness stretch of one layer at the quadrature points."""
-
-    def __init__(self, domain: Domain, sheet: Sheet, compiled: Any, points: int) -> None:
-        self._sheet, self._step, self._points = sheet, compiled, points
-        self._mesh, self._cells = domain.mesh, domain.cells(sheet.area)
+    def __init__(
+        self,
+        domain: Domain,
+        sheet: Sheet,
+        energies: tuple[Any, Any, Any],
+        ports: Sequence[str],
+        degree: int,
+    ) -> None:
+        self._sheet, self._mesh, self._cells = sheet, domain.mesh, domain.cells(sheet.area)
+        points, _ = compat.quadrature(domain.mesh, degree)
+        self._points = len(points)
+        elastic, electric, total = energies
+        variables = sheet.variables
+        slopes = [ufl.diff(total, v) for v in variables]
+        self._pairs = np.triu_indices(len(variables))
+        curvatures = [ufl.diff(slopes[i], variables[j]) for i, j in zip(*self._pairs, strict=True)]
+        both = ufl.as_vector([elastic, electric, *slopes, *curvatures])
+        self._all = compat.expression(both, points)
+        across = variables[-1]
+        by_log = slopes[-1] * across  # in ln s, so that it stays above zero
+        step = by_log / (ufl.diff(slopes[-1], across) * across**2 + by_log)
+        self._step = compat.expression(step, points)
         self._dofs = compat.cell_dofs(sheet.stretch.function_space)[self._cells]
+        self._turn = self._volts_to_field(ports, len(variables) - 1)
 
-    def __call__(self) -> None:
+    def _volts_to_field(self, ports: Sequence[str], own: int) -> Any:
+        """Derivative of the layer's variables, all but the last, by metric and voltages."""
+        sheet = self._sheet
+        size = own - sheet.driven
+        found = np.zeros((own, size + len(ports)))
+        found[:size, :size] = np.eye(size)
+        if sheet.driven:
+            for port, sign in zip(sheet.between, (1, -1), strict=True):
+                if port:
+                    found[size, size + list(ports).index(port)] += sign / sheet.thickness
+        return found
+
+    def settle(self, volts: Mapping[str, float]) -> None:
+        """Bring the thickness stretch to where it belongs, by Newton's method at each point.
+
+        Where it does not end the stretch is not a number, which the solver sees.
+        """
+        low, high = (volts[port] if port else 0.0 for port in self._sheet.between)
+        self._sheet.field.value = (low - high) / self._sheet.thickness
         s = self._sheet.stretch.x.array
         for _ in range(_MOST):
             step = compat.evaluate(self._step, self._mesh, self._cells, self._points)[..., 0]
-            change = np.clip(step, -0.5, 0.5)
-            s[self._dofs] *= np.exp(-change)
+            s[self._dofs] *= np.exp(-np.clip(step, -0.5, 0.5))
             if not np.abs(step).max(initial=0.0) > _ENOUGH:
                 return
-        s[self._dofs[np.abs(step) > 1e-9]] = np.nan
+        s[self._dofs[~(np.abs(step) < 1e-9)]] = np.nan
+
+    def derivatives(self) -> tuple[Any, Any, Any]:
+        """Energies (cells, points, 2), and derivatives by metric and voltages, the stretch out.
+
+        Of shape (cells, points, n) and (cells, points, n, n), per area of the mesh.
+        """
+        found = compat.evaluate(self._all, self._mesh, self._cells, self._points)
+        found *= self._sheet.thickness
+        own = len(self._sheet.variables)
+        slopes, packed = found[..., _FIRST : _FIRST + own], found[..., _FIRST + own :]
+        full = np.empty((*slopes.shape, own))
+        full[..., self._pairs[0], self._pairs[1]] = full[..., self._pairs[1], self._pairs[0]] = (
+            packed
+        )
+        mixed = full[..., :-1, -1]
+        both = mixed[..., :, None] * mixed[..., None, :]
+        condensed = full[..., :-1, :-1] - both / full[..., -1:, -1:]
+        T = self._turn
+        return found[..., :_FIRST], slopes[..., :-1] @ T, T.T @ condensed @ T
+
+
+class SheetModel:
+    """Energies, stress resultants and stiffnesses of a sheet at its quadrature points.
+
+    Attributes:
+        wrinkles: Of each part of the base, in tension fields.
+
+    Args:
+        domain: The mesh.
+        spaces: The state.
+        groups: The layers, equipped.
+        densities: Elastic energy of a layer without branches, the electric one, and the sum of all.
+        ports: Voltages of the terminals by name, UFL variables of constants.
+        degree: Quadrature degree.
+        slack: Stiffness that a wrinkled sheet keeps, of each part of the base, N/mm; None for taut
+            sheets.
+    """
+
+    def __init__(
+        self,
+        domain: Domain,
+        spaces: Spaces,
+        groups: Sequence[Group],
+        densities: Densities,
+        ports: Mapping[str, Any],
+        degree: int,
+        slack: Mapping[str, float] | None = None,
+    ) -> None:
+        kinematics = domain.device.kinematics
+        assert isinstance(kinematics, SheetKinematics)
+        x, self._u = ufl.SpatialCoordinate(domain.mesh), ufl.split(spaces.w)[0]
+        self._w, self._metric = spaces.w, kinematics.metric(self._u, x)
+        self._size, self._ports, self._domain = len(self._metric), ports, domain
+        count = self._size + len(ports)
+        self._pairs = np.triu_indices(count)
+        self._layers: dict[str, list[Layer]] = {}
+        for group in groups:
+            assert group.sheet is not None
+            layer = Layer(domain, group.sheet, densities(group), list(ports), degree)
+            self._layers.setdefault(group.sheet.area, []).append(layer)
+            self._excess = group.sheet.excess
+        mesh, total = domain.mesh, _FIRST + count + len(self._pairs[0])
+        element = compat.quadrature_element(mesh, degree, total)
+        self._values = fem.Function(compat.functionspace(mesh, element), name="resultants")
+        self._cells = {area: domain.cells(area) for area in self._layers}
+        points = len(compat.quadrature(mesh, degree)[0])
+        self._points, self.wrinkles = points, {}
+        measure = ufl.Measure("dx", domain=mesh, metadata={"quadrature_degree": degree})
+        self._volume, self._measure = kinematics.volume(x), measure
+        if slack is not None:
+            self._slack = slack
+            for area, cells in self._cells.items():
+                self.wrinkles[area] = Wrinkles(len(cells) * points, self._size)
+            self._metric_at = compat.expression(
+                ufl.as_vector(list(self._metric)), compat.quadrature(mesh, degree)[0]
+            )
+
+    # --- at the quadrature points ----------------------------------------------------------------
+
+    def settle(self) -> None:
+        """Bring stretches and wrinkles to where they belong, and find the energy's derivatives."""
+        volts = {port: float(v.ufl_operands[0].value) for port, v in self._ports.items()}
+        dofs = compat.cell_dofs(self._values.function_space)
+        packed = self._values.x.array.reshape(-1, self._values.function_space.dofmap.bs)
+        for area, cells in self._cells.items():
+            energies, slopes, hessian = self._relaxed(area, volts)
+            upper = hessian[..., self._pairs[0], self._pairs[1]]
+            packed[dofs[cells]] = np.concatenate([energies, slopes, upper], axis=-1)
+
+    def _sum(self, area: str, volts: Mapping[str, float]) -> list[Any]:
+        """Energies and derivatives of all layers on a part of the base."""
+        for layer in self._layers[area]:
+            layer.settle(volts)
+        return [
+            sum(parts) for parts in zip(*(x.derivatives() for x in self._layers[area]), strict=True)
+        ]
+
+    def _relaxed(self, area: str, volts: Mapping[str, float]) -> list[Any]:
+        """The same with the wrinkles that make the energy smallest."""
+        if area not in self.wrinkles:
+            return self._sum(area, volts)
+        wrinkles, cells, size = self.wrinkles[area], self._cells[area], self._size
+        shape = (len(cells), self._points)
+        dofs = compat.cell_dofs(self._excess.function_space)[cells]
+        array = self._excess.x.array.reshape(-1, size)
+
+        def evaluate(excess: Any) -> tuple[Any, Any]:
+            array[dofs] = excess.reshape(*shape, size)
+            _, slopes, hessian = self._sum(area, volts)
+            return (
+                slopes[..., :size].reshape(-1, size),
+                hessian[..., :size, :size].reshape(-1, size, size),
+            )
+
+        there = wrinkles.relax(evaluate)
+        evaluate(wrinkles.excess)
+        energies, slopes, hessian = self._sum(area, volts)
+        flat = hessian.reshape(-1, *hessian.shape[2:])
+        flat = wrinkles.condensed(slopes[..., :size].reshape(-1, size), flat)
+        hessian = flat.reshape(hessian.shape)
+        slopes[~there.reshape(shape)] = np.nan
+        self._add_slack(area, energies, slopes, hessian)
+        return [energies, slopes, hessian]
+
+    def _add_slack(self, area: str, energies: Any, slopes: Any, hessian: Any) -> None:
+        """What stiffness the wrinkled sheet keeps: an incompressible neo-Hookean film's.
+
+        G/2 (tr C + 1/det C - 3), so that no point is without any.
+        """
+        C = compat.evaluate(self._metric_at, self._domain.mesh, self._cells[area], self._points)
+        C = np.concatenate([C, *([np.ones((*C.shape[:-1], 1))] if self._size == 1 else [])], -1)
+        size, half = self._size, self._slack[area] / 2
+        twelve = C[..., 2] if size == 3 else 0.0
+        det = C[..., 0] * C[..., 1] - twelve**2
+        slope = np.stack([C[..., 1], C[..., 0], *([-2 * twelve] if size == 3 else [])], -1)
+        second = np.array([[0, 1.0, 0], [1.0, 0, 0], [0, 0, -2.0]])[:size, :size]
+        slope = slope[..., :size]
+        energies[..., _ELASTIC] += half * (C[..., 0] + C[..., 1] + 1 / det - 3)
+        slopes[..., :size] += half * (np.array([1.0, 1.0, 0])[:size] - slope / det[..., None] ** 2)
+        both = 2 * slope[..., :, None] * slope[..., None, :] / det[..., None, None]
+        hessian[..., :size, :size] += half * (both - second) / det[..., None, None] ** 2
+
+    # --- forms -----------------------------------------------------------------------------------
+
+    def energy(self, name: str) -> Any:
+        """The elastic or the electric energy, mJ."""
+        return self._over(self._values[_ELASTIC if name == "elastic" else _ELECTRIC])
+
+    def first(self, test: Any) -> Any:
+        """First variation of the potential."""
+        parts = (self._slope(k) * self._varied(k, test) for k in range(self._size))
+        return self._over(sum(parts))
+
+    def second(self, test: Any, trial: Any) -> Any:
+        """Second variation."""
+        total: Any = 0
+        for i in range(self._size):
+            total += self._slope(i) * ufl.derivative(self._varied(i, test), self._w, trial)
+            for j in range(self._size):
+                total += self._hessian(i, j) * self._varied(i, test) * self._varied(j, trial)
+        return self._over(total)
+
+    def dual(self, port: str) -> Any:
+        """Derivative of the potential by a voltage."""
+        return self._over(self._slope(self._number(port)))
+
+    def column(self, port: str, test: Any) -> Any:
+        """Derivative of that by the state."""
+        k = self._number(port)
+        parts = (self._hessian(k, j) * self._varied(j, test) for j in range(self._size))
+        return self._over(sum(parts))
+
+    def corner(self, one: str, other: str) -> Any:
+        """Second derivative of the potential by two voltages."""
+        return self._over(self._hessian(self._number(one), self._number(other)))
+
+    def _over(self, density: Any) -> Any:
+        return density * self._volume * self._measure
+
+    def _number(self, port: str) -> int:
+        return self._size + list(self._ports).index(port)
+
+    def _slope(self, k: int) -> Any:
+        return self._values[_FIRST + k]
+
+    def _hessian(self, i: int, j: int) -> Any:
+        low, high = min(i, j), max(i, j)
+        pairs = list(zip(*self._pairs, strict=True))
+        return self._values[_FIRST + self._size + len(self._ports) + pairs.index((low, high))]
+
+    def _varied(self, k: int, direction: Any) -> Any:
+        return ufl.derivative(self._metric[k], self._w, direction)
 
 
 def sheet_faces(domain: Domain, w: Any, name: str) -> Iterator[tuple[str, Point]]:

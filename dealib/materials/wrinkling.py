@@ -1,0 +1,166 @@
+"""Tension fields: the excess metric that relieves a thin film of compression by fine wrinkles.
+
+A film without bending stiffness wrinkles finely where it would be pressed. Its relaxed energy is
+the minimum of its energy over all metrics C + N, N positive semidefinite (A. C. Pipkin, IMA J.
+Appl. Math. 36 (1986) 85): N is what the wrinkles take up. With N = M^2 the minimum is one without
+constraints: where the film is taut M is 0, where it wrinkles one way M has rank 1 and the stress
+along it vanishes, and where it is slack all stress does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Evaluate = Callable[[Array], tuple[Array, Array]]
+
+# components of a plane metric: one of a line in plane strain, two of principal directions, three
+BASES = {
+    1: np.array([[[1.0, 0], [0, 0]]]),
+    2: np.array([[[1.0, 0], [0, 0]], [[0, 0], [0, 1.0]]]),
+    3: np.array([[[1.0, 0], [0, 0]], [[0, 0], [0, 1.0]], [[0, 1.0], [1.0, 0]]]),
+}
+_ENOUGH, _MOST = 1e-11, 60  # step of M at which it is there, and steps
+_PRESSED = 1e-9  # of the stress's size: compression that makes a film wrinkle
+_FLAT = 1e-7  # M below which a film counts as flat
+_LONGEST = 0.3  # step
+
+
+def matrices(components: Array) -> Array:
+    """Symmetric 2 x 2 matrices, (..., 2, 2), from their components, (..., count)."""
+    return np.einsum("...i,iab->...ab", components, BASES[components.shape[-1]])
+
+
+def components(matrices: Array, count: int) -> Array:
+    """Inverse of `matrices`: the components 11, 22, 12 as far as there are."""
+    return np.stack([matrices[..., a, b] for a, b in ((0, 0), (1, 1), (0, 1))[:count]], axis=-1)
+
+
+class Wrinkles:
+    """The root M of the excess metric at many points, brought to where the energy is least.
+
+    Attributes:
+        root: M, (points, 2, 2), positive semidefinite.
+
+    Args:
+        points: Number of points.
+        count: Number of components of the metric.
+    """
+
+    def __init__(self, points: int, count: int) -> None:
+        self.root = np.zeros((points, 2, 2))
+        self._basis = BASES[count]
+
+    @property
+    def excess(self) -> Array:
+        """N, (points, count)."""
+        return components(self.root @ self.root, len(self._basis))
+
+    def set_excess(self, excess: Array) -> None:
+        """Start from another N."""
+        values, vectors = np.linalg.eigh(matrices(excess))
+        roots = np.sqrt(values.clip(min=0.0))
+        self.root = (vectors * roots[..., None, :]) @ np.swapaxes(vectors, -1, -2)
+
+    def relax(self, evaluate: Evaluate) -> Array:
+        """Find M by Newton's method; returns whether each point got there.
+
+        Args:
+            evaluate: Derivatives of the energy by the components of C at an excess N: the first
+                ones (points, count), and the second ones (points, count, count).
+        """
+        for _ in range(_MOST):
+            slope, curvature = evaluate(self.excess)
+            if self._kick(slope, curvature):
+                slope, curvature = evaluate(self.excess)
+            gradient, hessian, _ = self._in_root(slope, curvature)
+            values, vectors = np.linalg.eigh(hessian)
+            size = np.abs(values).max(axis=-1, keepdims=True)
+            values = np.maximum(np.abs(values), 1e-12 * size + 1e-300)
+            step = np.einsum("pij,pj,pkj,pk->pi", vectors, 1 / values, vectors, gradient)
+            length = np.abs(step).max(axis=-1, initial=0.0)
+            step *= np.minimum(1.0, _LONGEST / np.maximum(length, 1e-300))[:, None]
+            moved = self.root - np.einsum("pi,iab->pab", step, self._basis)
+            eigen, frames = np.linalg.eigh(moved)
+            self.root = (frames * np.abs(eigen)[:, None, :]) @ np.swapaxes(frames, -1, -2)
+            if not length.max(initial=0.0) > _ENOUGH:
+                break
+        return np.asarray(length <= 1e-8)
+
+    def _kick(self, slope: Array, curvature: Array) -> bool:
+        """Start wrinkles where a film is flat and pressed; returns whether there are new ones.
+
+        A Newton step in N says how deep they are.
+        """
+        stress = self._stress(slope)
+        values, vectors = np.linalg.eigh(stress)
+        across = vectors[..., 0]
+        square = across[..., :, None] * across[..., None, :]
+        along = components(square, len(self._basis))
+        stiff = np.einsum("pi,pij,pj->p", along, curvature, along)
+        size = np.abs(curvature).max(axis=(-1, -2))
+        flat = np.einsum("pa,pab,pb->p", across, self.root, across) < _FLAT
+        pressed = flat & (values[..., 0] < -_PRESSED * size)
+        excess = -values[:, 0] / np.maximum(stiff, 1e-3 * size)
+        kick = np.sqrt(np.where(pressed, excess.clip(0.0, 1.0), 0.0))
+        self.root = self.root + kick[:, None, None] * square
+        return bool(pressed.any())
+
+    def _stress(self, slope: Array) -> Array:
+        """The derivative by C as a matrix: that by the component 12 counts twice."""
+        halves = np.array([1.0, 1.0, 0.5])[: slope.shape[-1]]
+        return matrices(slope * halves)
+
+    def _in_root(self, slope: Array, curvature: Array) -> tuple[Array, Array, Array]:
+        """Gradient and Hessian of the energy by M, and dN/dM, (points, count, count)."""
+        B, M, S = self._basis, self.root, self._stress(slope)
+        moves = M[:, None] @ B + B @ M[:, None]
+        J = np.moveaxis(components(moves, len(B)), 1, 2)
+        second = B[:, None] @ B[None]
+        second = second + np.swapaxes(second, 0, 1)
+        hessian = np.swapaxes(J, 1, 2) @ curvature @ J + np.einsum("pab,ijab->pij", S, second)
+        return np.einsum("pci,pc->pi", J, slope), hessian, J
+
+    def condensed(self, slope: Array, hessian: Array) -> Array:
+        """What the wrinkles, which follow, take off a Hessian.
+
+        Args:
+            slope: Derivatives by the components of C, (points, count).
+            hessian: By these and further variables, (points, n, n).
+
+        Returns:
+            The same shape.
+        """
+        count = len(self._basis)
+        _, inner, J = self._in_root(slope, hessian[:, :count, :count])
+        wrinkled = np.abs(self.root).max(axis=(-1, -2)) > _FLAT
+        inner = np.where(wrinkled[:, None, None], inner, np.eye(count))
+        J = np.where(wrinkled[:, None, None], J, 0.0)
+        mixed = hessian[:, :, :count] @ J
+        back = np.linalg.pinv(inner, hermitian=True) @ np.swapaxes(mixed, 1, 2)
+        return np.asarray(hessian - mixed @ back)
+
+
+def extended(F: Array, excess: Array, plane: tuple[int, int]) -> Array:
+    """Deformation gradients of the wrinkled film itself: F^T F + N is its metric.
+
+    Args:
+        F: Of the smooth surface, (..., 3, 3); its columns in the plane are the tangents.
+        excess: N, (..., count).
+        plane: Numbers of the columns that N belongs to.
+    """
+    columns = list(plane)
+    flat = F[..., columns]
+    C = np.swapaxes(flat, -1, -2) @ flat
+    found = F.copy()
+    found[..., columns] = flat @ _root(C, -0.5) @ _root(C + matrices(excess), 0.5)
+    return found
+
+
+def _root(A: Array, power: float) -> Any:
+    values, vectors = np.linalg.eigh(A)
+    return (vectors * values[..., None, :] ** power) @ np.swapaxes(vectors, -1, -2)
