@@ -23,8 +23,7 @@ from dealib.fem.system import System, Timings
 
 log = logging.getLogger(__name__)
 
-import os
-_OPTIONS: dict[str, Any] = {"snes_type": "newtonls", "snes_linesearch_type": os.environ.get("LS","basic"), "snes_linesearch_max_it": int(os.environ.get("LSM","1"))}
+_OPTIONS: dict[str, Any] = {"snes_type": "newtonls", "snes_linesearch_type": "basic"}
 _EXACT = 1e-12  # of a linear solution that nothing corrects afterwards
 _STEP = 1e-7  # negligible step: of the film's thickness, of 1 kV, of its shear modulus
 _ROUNDING = 1e4  # how far above the tolerance rounding may keep the residual
