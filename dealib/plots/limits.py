@@ -32,7 +32,8 @@ def mark(axis: matplotlib.axes.Axes, run: Run, x: str, y: str) -> bool:
     there = beyond(run.history, y)
     if there.any():
         alone = there & ~np.append(False, there[:-1]) & ~np.append(there[1:], False)
-        dots = {"marker": "o", "ms": 7, "mew": 0, "markevery": np.flatnonzero(alone).tolist()}
+        dots: dict[str, Any] = {"marker": "o", "ms": 7, "mew": 0}
+        dots["markevery"] = np.flatnonzero(alone).tolist()
         axis.plot(run.history[x], np.where(there, run.history[y], np.nan), **BAND, **dots)
     return bool(there.any())
 
