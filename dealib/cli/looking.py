@@ -12,6 +12,17 @@ from dealib.cli.solving import study
 
 
 @app.command()
+def doctor() -> None:
+    """Say what is installed and whether it works: solver, MPI, 3-D pictures, movies.
+
+    Exit code 4 if something fails that dealib needs.
+    """
+    from dealib.cli.doctor import examine
+
+    examine()
+
+
+@app.command()
 def info(run: RunDirectory) -> None:
     """Print what a run directory holds: status, summary, versions, timings."""
     from dealib.cli.info import describe

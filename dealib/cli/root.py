@@ -16,6 +16,24 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        from dealib.cli.doctor import version_line
+
+        typer.echo(version_line())
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="print versions")
+    ] = False,
+) -> None:
+    pass
+
+
 ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file", readable=False)]
 RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="run directory", readable=False)]
 Set = Annotated[
