@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import functools
 import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -33,6 +35,19 @@ def _history(name: str, changes: tuple[tuple[str, object], ...]) -> pd.DataFrame
 def history(name: str, **changes: object) -> pd.DataFrame:
     """The history of a shipped config with changes, computed once."""
     return _history(name, tuple(sorted(changes.items())))
+
+
+@functools.cache
+def _said_by_mpi() -> frozenset[str]:
+    command = [sys.executable, "-c", "from mpi4py import MPI"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return frozenset(done.stderr.splitlines())
+
+
+def said(errors: str) -> str:
+    """Standard error without what MPI itself says on this machine, such as hwloc without /sys."""
+    kept = [line for line in errors.splitlines(True) if line.rstrip("\n") not in _said_by_mpi()]
+    return "".join(kept)
 
 
 def thinned(given: dealib.Case, path: Path, thickness: Callable[[float], float]) -> Path:

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from conftest import said
 
 from dealib.__main__ import main
 from dealib.config import load
@@ -691,7 +692,7 @@ def test_from_outside(tmp_path, arguments):
     (tmp_path / "case.yaml").write_text(BASE.replace("12 mm", "7 mm"))
     done = command(*arguments, cwd=tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith("dealib: ")
+    assert said(done.stderr).startswith("dealib: ")
     assert "Traceback" not in done.stderr
     assert [p.name for p in tmp_path.iterdir()] == ["case.yaml"]
 

@@ -5,7 +5,7 @@ import sys
 
 import gmsh
 import pytest
-from conftest import CONFIGS
+from conftest import CONFIGS, said
 
 import dealib
 
@@ -17,10 +17,10 @@ def command(*arguments, cwd):
         cwd=cwd,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=300,
         check=False,
     )
-    return done.returncode, done.stdout, done.stderr
+    return done.returncode, done.stdout, said(done.stderr)
 
 
 @pytest.fixture(autouse=True)

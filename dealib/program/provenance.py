@@ -16,7 +16,7 @@ def git_hash() -> str | None:
             ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"],
             capture_output=True,
             text=True,
-            timeout=5,
+            timeout=60,  # a busy machine may need seconds
             check=False,
         )
     except (OSError, subprocess.TimeoutExpired):
