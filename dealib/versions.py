@@ -5,6 +5,13 @@ from __future__ import annotations
 import platform
 from importlib.metadata import PackageNotFoundError, version
 
+_NAMES = {"petsc": "PETSc", "gmsh": "Gmsh", "python": "Python"}
+
+
+def version_line() -> str:
+    """All versions in one line."""
+    return ", ".join(f"{_NAMES.get(name, name)} {v}" for name, v in versions().items())
+
 
 def versions() -> dict[str, str]:
     """Versions by name, or "missing"; dolfinx and Gmsh are not imported, which takes seconds."""

@@ -98,9 +98,7 @@ def test_a_crash_is_told_by_its_signal():
 
 
 def test_a_wrong_capacitance_is_a_failure(tmp_path, monkeypatch):
-    monkeypatch.setattr(doctor, "_run", lambda folder, name, *options: 1.0)
-    (tmp_path / "one").mkdir()
-    (tmp_path / "one/run.json").write_text("{}")
-    (tmp_path / "one/history.csv").write_text("step,capacitance_pF\n0,250.0\n")
-    with pytest.raises(doctor._Failed, match=r"at rest has 250 pF, as two plates 230\.32 pF"):
+    monkeypatch.setattr(doctor, "EPSILON_0", 2 * doctor.EPSILON_0)
+    said = r"at rest has 230\.32 pF, as a plate capacitor 460\.64 pF"
+    with pytest.raises(doctor._Failed, match=said):
         doctor._solver(tmp_path)

@@ -5,7 +5,6 @@ Everything is tried in processes of its own, as a user would: a library that cra
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import re
@@ -21,11 +20,11 @@ from pathlib import Path
 
 import typer
 
-from dealib.config.templates import TEMPLATES, template
+from dealib.config.templates import template
 from dealib.errors import PlatformError
-from dealib.versions import versions
+from dealib.units import EPSILON_0
+from dealib.versions import version_line
 
-_NAMES = {"petsc": "PETSc", "gmsh": "Gmsh", "python": "Python"}
 _SECONDS = 300  # for a probe; the machine may be busy
 _PROGRAM = (
     "[{stage: prestrain}, {stage: push, mount: {displacement: -0.1 mm}, steps: 2},"
@@ -41,11 +40,6 @@ m = mesh.create_unit_square(MPI.COMM_SELF, 1, 1, mesh.CellType.quadrilateral)
 V = compat.functionspace(m, compat.element(m, "Lagrange", 1))
 compat.form(ufl.TestFunction(V) * ufl.dx)
 """
-
-
-def version_line() -> str:
-    """Versions of dealib and of what it stands on, in one line."""
-    return ", ".join(f"{_NAMES.get(name, name)} {v}" for name, v in versions().items())
 
 
 class _Failed(Exception):
@@ -152,35 +146,27 @@ def _run(folder: Path, name: str, *options: str) -> float:
 
 
 def _solver(folder: Path) -> str:
+    from dealib.results.reader import Run  # its packages are there by now
+
     seconds = _run(folder, "one")
-    info = json.loads((folder / "one/run.json").read_text(encoding="utf-8"))
-    found, plates = _last(folder / "one", "capacitance_pF", row=1), _plates()
-    if not math.isclose(found, plates, rel_tol=0.01):
-        raise _Failed(f"the film at rest has {found:.5g} pF, as two plates {plates:.5g} pF")
+    run = Run(folder / "one")
+    g, found = run.config.geometry, float(run.history["capacitance_pF"].iloc[0])
+    area = math.pi * (g.outer_radius**2 - g.inner_radius**2)
+    permittivity = EPSILON_0 * run.config.materials.film.permittivity.at(1.0)
+    plates = 1e3 * permittivity * area / g.film_thickness  # pF
+    if not math.isclose(found, plates, rel_tol=1e-3):
+        raise _Failed(f"the film at rest has {found:.5g} pF, as a plate capacitor {plates:.5g} pF")
     return (
-        f"{info['unknowns']} unknowns, {info['steps']} steps in {info['timings']['solve']:.2f} s, "
-        f"with start and end {seconds:.1f} s"
+        f"{run.info['unknowns']} unknowns, {run.info['steps']} steps in "
+        f"{run.info['timings']['solve']:.2f} s, with start and end {seconds:.1f} s"
     )
 
 
-def _last(run: Path, column: str, row: int = -1) -> float:
-    """A number of a run's history; line 0 has the names."""
-    lines = (run / "history.csv").read_text(encoding="utf-8").splitlines()
-    return float(lines[row].split(",")[lines[0].split(",").index(column)])
-
-
-def _plates() -> float:
-    """Capacitance of the film at rest as a plate capacitor, pF."""
-    lengths = TEMPLATES["benchmark"]["geometry"]
-    inner, outer = (float(lengths[k].split()[0]) for k in ("inner_radius", "outer_radius"))
-    thickness = float(lengths["film_thickness"].split()[0]) * 1e-3
-    relative = TEMPLATES["benchmark"]["materials"]["film"]["relative_permittivity"]
-    return 8.8541878e-3 * relative * math.pi * (outer**2 - inner**2) / thickness
-
-
 def _mpi(folder: Path) -> str:
+    from dealib.results.reader import Run
+
     seconds = _run(folder, "two", "--mpi", "2")
-    one, two = (_last(folder / name, "force_N") for name in ("one", "two"))
+    one, two = (float(Run(folder / n).history["force_N"].iloc[-1]) for n in ("one", "two"))
     if not math.isclose(one, two, rel_tol=1e-6):
         raise _Failed(f"the force on 2 ranks is {two:.9g} N, on one {one:.9g} N")
     return f"2 ranks give the same force, in {seconds:.1f} s"

@@ -19,7 +19,7 @@ app = typer.Typer(
 
 def _version(wanted: bool) -> None:
     if wanted:
-        from dealib.cli.doctor import version_line
+        from dealib.versions import version_line
 
         typer.echo(version_line())
         raise typer.Exit
