@@ -9,7 +9,7 @@ import time
 from types import FrameType
 
 import dealib.cli.clock  # noqa: F401 - starts it
-from dealib.errors import ConfigError, DealibError, Interrupted
+from dealib.errors import FAULT, ConfigError, DealibError, Interrupted
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy loads its BLAS
     os.environ.setdefault(_name, "1")
@@ -26,6 +26,9 @@ def main() -> None:
     except (DealibError, Interrupted) as error:
         code, everywhere = error.exit_code, error.everywhere
         _say(str(error))
+    except KeyboardInterrupt:  # by a library that has taken the signal
+        code = 130
+        _say("interrupted")
     except Exception as error:
         code = _unforeseen(error)
     if not everywhere:
@@ -74,10 +77,10 @@ def _unforeseen(error: Exception) -> int:
             ".venv/bin/dealib is then the program"
         )
         return 4
-    from dealib.cli.fault import EXIT_CODE, told
+    from dealib.cli.fault import told
 
     _say(told(error, sys.argv[1:]), always=True)
-    return EXIT_CODE
+    return FAULT
 
 
 def _at_home(argument: str) -> str:

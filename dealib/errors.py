@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+FAULT = 70  # exit code of what nobody foresaw: EX_SOFTWARE of sysexits.h
+
 
 def first_line(error: BaseException) -> str:
     """What an error says first, or its kind if it says nothing."""
@@ -17,7 +19,7 @@ class DealibError(Exception):
             stopped.
     """
 
-    exit_code = 1
+    exit_code = FAULT
     everywhere = True
 
 

@@ -411,6 +411,15 @@ def test_an_interrupted_sweep_keeps_what_is_solved(folder):
     assert [job.label for job in left] == [f"voltages: {c.label}" for c in plan.cases[-len(left) :]]
 
 
+def test_a_cache_that_cannot_be_is_told(folder):
+    (folder / "file").write_text("")
+    done = run_cli(folder, "sweep", "sweep.yaml", "-j", 1, "--cache", "file/cases", "--out", "no")
+    assert done.returncode == 3
+    assert "Traceback" not in done.stderr
+    assert "0.1 kV: failed: cannot write file/cases/" in done.stderr
+    assert "Not a directory" in done.stderr
+
+
 @pytest.mark.mpi
 def test_sweep_in_ranks(folder):
     done = run_cli(folder, "sweep", "sweep.yaml", "--cache", "ranks", "--out", "r", "--mpi", 3)

@@ -12,8 +12,6 @@ from collections.abc import Sequence
 from dealib.log import verbose
 from dealib.versions import installed
 
-EXIT_CODE = 70  # EX_SOFTWARE of sysexits.h
-
 
 def told(error: Exception, arguments: Sequence[str]) -> str:
     """The message; the traceback goes into the file, and into the message if all is to be shown.
