@@ -9,7 +9,7 @@ from pathlib import Path
 
 _PACKAGES = (
     *("dealib", "fenics-dolfinx", "fenics-ffcx", "fenics-ufl", "fenics-basix"),
-    *("petsc4py", "gmsh", "numpy", "scipy"),
+    *("dolfinx-solver-real", "petsc4py", "gmsh", "numpy", "scipy"),  # the first one is a wheel
 )
 # packages of dealib that results do not depend on
 _BESIDE = {"calibration", "cases", "cli", "data", "plots", "report", "study"}

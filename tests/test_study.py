@@ -478,7 +478,7 @@ def test_failed_quantity_points_at_the_study(folder, text, message):
     plan = read(broken)
     results = Results(plan, cache, sweep.statuses(plan, cache, {}))
     (fault,) = results.faults
-    assert f"quantities.depth: case '30 um, neo-Hookean': {message} (and 3 more cases)\n" in fault
+    assert f"quantities.depth: case '30 um, neo-Hookean': {message} (and 3 more)\n" in fault
     assert np.isnan(results.values["depth"]).all()
     assert np.isfinite(results.values["charge"]).all()
 
@@ -523,7 +523,7 @@ def test_infinite_numbers_are_told_by_name_before_and_after_solving(folder):
     assert done.returncode == 2
     assert (
         "later.yaml:15:10: quantities.depth: case '30 um, neo-Hookean': 'max(1 / (step - step))' "
-        "is infinite (and 3 more cases)\n" in done.stderr
+        "is infinite (and 3 more)\n" in done.stderr
     )
     assert "never" not in done.stderr
     table = pd.read_csv(folder / "later" / "tiny_study.csv")

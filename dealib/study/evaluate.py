@@ -139,7 +139,7 @@ class Results:
         """Where an expression gives no number, and why."""
         found = []
         for where, (first, *others) in self._faults.items():
-            more = f" (and {len(others)} more cases)" if others else ""
+            more = f" (and {len(others)} more)" if others else ""
             found.append(str(self.plan.fault(where, first + more)))
         return found
 
