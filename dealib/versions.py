@@ -1,11 +1,20 @@
-"""Versions of everything that results depend on."""
+"""Versions of everything that results depend on; dolfinx and Gmsh are not imported for them."""
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import platform
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
+_PACKAGES = (
+    *("dealib", "fenics-dolfinx", "fenics-ffcx", "fenics-ufl", "fenics-basix"),
+    *("dolfinx-solver-real", "petsc4py", "gmsh", "numpy", "scipy"),  # the first one is a wheel
+)
 _NAMES = {"petsc": "PETSc", "gmsh": "Gmsh", "python": "Python"}
+# packages of dealib that results do not depend on
+_BESIDE = {"calibration", "cases", "cli", "data", "plots", "report", "study"}
 
 
 def version_line() -> str:
@@ -14,24 +23,38 @@ def version_line() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Versions by name, or "missing"; dolfinx and Gmsh are not imported, which takes seconds."""
+    """Versions that people ask for, by name, or "missing"."""
+    found = installed()
     return {
-        "dealib": _installed("dealib"),
-        "dolfinx": _installed("fenics-dolfinx", "dolfinx-solver-real"),  # Debian's, PyPI's
+        "dealib": found.get("dealib", "missing"),
+        "dolfinx": found.get("fenics-dolfinx") or found.get("dolfinx-solver-real", "missing"),
         "petsc": _petsc(),
-        "gmsh": _installed("gmsh"),
-        "numpy": _installed("numpy"),
+        "gmsh": found.get("gmsh", "missing"),
+        "numpy": found.get("numpy", "missing"),
         "python": platform.python_version(),
     }
 
 
-def _installed(*packages: str) -> str:
-    for package in packages:
+@functools.cache
+def installed() -> dict[str, str]:
+    """Versions of the packages that are installed, by name."""
+    found = {}
+    for name in _PACKAGES:
         try:
-            return version(package)
+            found[name] = version(name)
         except PackageNotFoundError:
             continue
-    return "missing"
+    return found
+
+
+@functools.cache
+def source() -> str:
+    """Hash of those of dealib's modules that results depend on."""
+    root, digest = Path(__file__).parent, hashlib.sha256()
+    for file in sorted([*root.rglob("*.py"), *root.rglob("*.yaml")]):
+        if file.relative_to(root).parts[0] not in _BESIDE:
+            digest.update(file.read_bytes())
+    return digest.hexdigest()
 
 
 def _petsc() -> str:

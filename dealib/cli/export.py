@@ -10,7 +10,6 @@ import typer
 from dealib.cli.run import solve
 from dealib.config.case import Case
 from dealib.errors import ConfigError
-from dealib.program.log import to_terminal
 from dealib.program.tables import tables_case
 from dealib.results.tables import Tables, collect
 
@@ -26,7 +25,6 @@ def export(case: Case, out: Path | None, *, overwrite: bool, resume: bool) -> No
         raise ConfigError("--overwrite and --resume exclude each other")
     walk = tables_case(case)
     directory = out or Path(f"{case.config.directory}-tables")
-    to_terminal(False, True)
     tables = collect(solve(walk, directory, overwrite=overwrite, resume=resume))
     for path in tables.save(directory):
         typer.echo(str(path))

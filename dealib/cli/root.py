@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from dealib.log import to_terminal
 
 app = typer.Typer(
     name="dealib",
@@ -26,12 +29,27 @@ def _version(wanted: bool) -> None:
 
 
 @app.callback()
-def _root(
+def _before_each(
+    verbose: Annotated[
+        bool,
+        typer.Option(
+            "--verbose",
+            "-v",
+            envvar="DEALIB_VERBOSE",
+            help="tell more, also after the command: steps, increments, tracebacks",
+        ),
+    ] = False,
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="print versions")
     ] = False,
 ) -> None:
-    pass
+    to_terminal(verbose, rank() == 0)
+
+
+def rank() -> int:
+    """Rank under mpirun, without importing MPI."""
+    names = ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK")
+    return int(next((os.environ[name] for name in names if name in os.environ), 0))
 
 
 ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file", readable=False)]
@@ -51,6 +69,7 @@ Step = Annotated[
 ]
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="YAML file, or a folder of them")]
 StudyOut = Annotated[Path | None, typer.Option(help="folder; default runs/studies/NAME")]
+FOLDER = Path("runs/studies/cases")
 CacheFolder = Annotated[Path, typer.Option(help="where solved cases are kept, by their physics")]
 Jobs = Annotated[
     int | None, typer.Option("-j", "--jobs", min=1, help="processes; default all cores")

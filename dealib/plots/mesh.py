@@ -10,6 +10,10 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.patches import Patch
 
+from dealib.errors import ConfigError, first_line
+from dealib.geometry.model import session
+from dealib.plots.style import save
+
 COLOURS = {
     "film": "#f2c14e",
     "top_electrode": "#4a4e69",
@@ -21,9 +25,16 @@ COLOURS = {
 
 
 def draw_mesh(mesh: Path, picture: Path | IO[bytes]) -> None:
-    """Draw a mesh file with named regions."""
-    polygons = _polygons(mesh)
-    film = np.concatenate(polygons["film"])
+    """Draw a mesh file with named regions.
+
+    Raises:
+        ConfigError: If it is damaged.
+    """
+    try:
+        polygons = _polygons(mesh)
+        film = np.concatenate(polygons["film"])
+    except Exception as error:  # of a file whose content can be anything
+        raise ConfigError(f"{mesh}: damaged ({first_line(error)})") from None
     (left, low), (right, high) = film.min(axis=0), film.max(axis=0)
     near = 4 * (high - low)
     figure, axes = plt.subplots(1, 3, figsize=(15, 6), layout="constrained")
@@ -38,17 +49,13 @@ def draw_mesh(mesh: Path, picture: Path | IO[bytes]) -> None:
     axes[2].set(xlim=(right - near, right + near / 3), ylim=(-near * 0.67, near * 0.67))
     patches = [Patch(fc=COLOURS.get(r, "#cccccc"), ec="#333333", label=r) for r in polygons]
     figure.legend(handles=patches, loc="outside lower center", ncols=len(patches), frameon=False)
-    figure.savefig(picture, dpi=150)
+    save(figure, picture)
     plt.close(figure)
 
 
 def _polygons(mesh: Path) -> dict[str, np.ndarray]:
     """Corner coordinates of the cells of each region."""
-    import gmsh
-
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with session() as gmsh:
         gmsh.open(str(mesh))
         tags, xyz, _ = gmsh.model.mesh.getNodes()
         where = np.zeros(int(tags.max()) + 1, dtype=int)
@@ -63,5 +70,3 @@ def _polygons(mesh: Path) -> dict[str, np.ndarray]:
                     faces.append(points[where[n.reshape(-1, {2: 3, 3: 4}[int(kind)])]])
             found[gmsh.model.getPhysicalName(2, group)] = np.concatenate(faces)
         return found
-    finally:
-        gmsh.finalize()

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from dealib.errors import ConfigError
+from dealib.files import guarded, write_bytes
 from dealib.results.elements import Array
-from dealib.results.files import guarded, write_bytes
 
 FOLDER, VALUES = "checkpoint", "program.json"
 
@@ -92,10 +92,12 @@ class CheckpointFolder:
             while self._state(step - 1).is_file():
                 step -= 1
                 saved.states.insert(0, np.load(self._state(step)))
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise ConfigError(f"{self.folder}: damaged checkpoint ({error})") from None
-        known = len(saved.values["predictor"]["known"])
-        del saved.states[: max(len(saved.states) - known, 0)]
+            known = len(saved.values["predictor"]["known"])
+            del saved.states[: max(len(saved.states) - known, 0)]
+        except Exception as error:  # of a file whose content can be anything
+            raise ConfigError(
+                f"{self.folder}: damaged checkpoint ({error}); start anew with --overwrite"
+            ) from None
         return saved
 
     def _state(self, step: int) -> Path:

@@ -1,4 +1,4 @@
-"""What a run tells: the logger 'dealib', with `run.log` and the terminal as its listeners."""
+"""What dealib tells: the logger 'dealib', with the terminal and a run's log as its listeners."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from dealib.errors import DealibError
+
 LOGGER = logging.getLogger("dealib")
 LOG = "run.log"
 
@@ -16,7 +18,7 @@ class _Terminal(logging.Handler):
     """Writes to whatever standard error is now (a progress bar replaces it)."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        print(self.format(record), file=sys.stderr, flush=True)
+        print(f"dealib: {record.getMessage()}", file=sys.stderr, flush=True)
 
 
 class _Kept(logging.Handler):
@@ -44,14 +46,14 @@ def to_terminal(verbose: bool, here: bool = True) -> None:
         verbose: Also increments and Newton's residuals.
         here: Whether this rank shows anything.
     """
-    LOGGER.propagate = False
-    if not here:
-        LOGGER.addHandler(logging.NullHandler())
-        return
-    terminal = _Terminal(logging.DEBUG if verbose else logging.WARNING)
-    terminal.setFormatter(logging.Formatter("dealib: %(message)s"))
-    LOGGER.addHandler(terminal)
+    level = logging.DEBUG if verbose else logging.WARNING
+    LOGGER.handlers[:] = [_Terminal(level) if here else logging.NullHandler()]
     LOGGER.setLevel(logging.DEBUG if verbose else logging.INFO)
+
+
+def verbose() -> bool:
+    """Whether the terminal shows everything."""
+    return LOGGER.isEnabledFor(logging.DEBUG)
 
 
 @contextmanager
@@ -65,10 +67,10 @@ def to_file(directory: Path, here: bool = True) -> Iterator[list[str]]:
     Yields:
         The warnings so far.
     """
-    kept = _Kept()
+    kept, path = _Kept(), directory / LOG
     handlers: list[logging.Handler] = [kept]
     if here:
-        file = _File(directory / LOG, encoding="utf-8", delay=True)
+        file = _File(path, encoding="utf-8", delay=True)
         file.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))
         handlers.append(file)
     level = LOGGER.level
@@ -77,6 +79,12 @@ def to_file(directory: Path, here: bool = True) -> Iterator[list[str]]:
         LOGGER.addHandler(handler)
     try:
         yield kept.texts
+    except DealibError:
+        raise
+    except Exception as error:
+        LOGGER.info("stopped by what nobody foresaw", exc_info=True)
+        error.add_note(f"the run's log is {path}")
+        raise
     finally:
         for handler in handlers:
             LOGGER.removeHandler(handler)
