@@ -590,7 +590,8 @@ def mixed(text):
 
 # (what, change of the mesh's text, texts in the config and their replacements, message)
 MESHES = [
-    ("no mesh", lambda good: "hello", {}, "Gmsh cannot read it: "),
+    ("no mesh", lambda good: "hello", {},
+     "no mesh of Gmsh's, which begins with $MeshFormat\n"),
     ("without the names", lambda good: GMSH, {},
      "no physical group named film, top_electrode, bottom_electrode, mount_block, frame_block, "
      "air, inner, outer, film_top, film_bottom, axis_air, outer_air, top_air, bottom_air; the "

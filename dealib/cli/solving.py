@@ -63,6 +63,10 @@ def check(config: ConfigFile, set: Set = None) -> None:
     from dealib.config import load
 
     case = load(config, set)
+    if case.config.mesh.file is not None:
+        from dealib.geometry.sound import sound_mesh
+
+        sound_mesh(Path(case.config.mesh.file))
     stages = ", ".join(s.stage for s in case.config.program)
     typer.echo(f"{config}: valid; {case.config.name}: {stages}")
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from dealib.config.schema import Config
 from dealib.errors import ConfigError, PlatformError
-from dealib.geometry import annular_strips, own_mesh
+from dealib.geometry import annular_strips, msh, own_mesh, sound
 
 
 @contextmanager
@@ -23,7 +23,8 @@ def gmsh_model(config: Config) -> Iterator[Any]:
     """
     import gmsh
 
-    gmsh.initialize(interruptible=False)
+    # without the user's own options of Gmsh: they would change the mesh
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
@@ -82,9 +83,12 @@ def cells_by_region(model: Any) -> dict[str, int]:
 
 def _read(gmsh: Any, config: Config) -> None:
     path = config.mesh.file
+    assert path is not None
+    found = msh.read(Path(path))
     try:
-        gmsh.open(path)
-    except Exception:  # gmsh raises plain Exception
-        reason = gmsh.logger.getLastError() or "unknown format"
-        raise ConfigError(f"mesh.file {path}: Gmsh cannot read it: {reason}") from None
-    own_mesh.check(gmsh.model, str(path), config.geometry)
+        found.into(gmsh.model)
+    except Exception as error:  # gmsh raises plain Exception
+        raise ConfigError(f"mesh.file {path}: no sound mesh: {error}") from None
+    own_mesh.check(gmsh.model, path, config.geometry)
+    if fault := sound.fault(found):
+        raise ConfigError(f"mesh.file {path}: {fault}")

@@ -10,6 +10,9 @@ import numpy as np
 from matplotlib.collections import PolyCollection
 from matplotlib.patches import Patch
 
+from dealib.errors import ConfigError
+from dealib.geometry import msh
+
 COLOURS = {
     "film": "#f2c14e",
     "top_electrode": "#4a4e69",
@@ -22,15 +25,18 @@ COLOURS = {
 
 def draw_mesh(mesh: Path, picture: Path | IO[bytes]) -> None:
     """Draw a mesh file with named regions."""
-    polygons = _polygons(mesh)
-    film = np.concatenate(polygons["film"])
+    polygons = msh.read(mesh).surfaces()
+    if "film" not in polygons:
+        raise ConfigError(f"{mesh}: no surface is named film")
+    film = np.concatenate([faces.reshape(-1, 2) for faces in polygons["film"]])
     (left, low), (right, high) = film.min(axis=0), film.max(axis=0)
     near = 4 * (high - low)
     figure, axes = plt.subplots(1, 3, figsize=(15, 6), layout="constrained")
     for axis, title in zip(axes, ("whole", "inner end", "outer end"), strict=True):
-        for region, faces in polygons.items():
+        for region, parts in polygons.items():
             colour = COLOURS.get(region, "#cccccc")
-            axis.add_collection(PolyCollection(list(faces), fc=colour, ec="#333333", lw=0.25))
+            for faces in parts:
+                axis.add_collection(PolyCollection(list(faces), fc=colour, ec="#333333", lw=0.25))
         axis.set(xlabel="R (mm)", ylabel="Z (mm)", title=title)
         axis.set_aspect("equal", adjustable="datalim" if title == "whole" else "box")
     axes[0].autoscale_view()
@@ -40,28 +46,3 @@ def draw_mesh(mesh: Path, picture: Path | IO[bytes]) -> None:
     figure.legend(handles=patches, loc="outside lower center", ncols=len(patches), frameon=False)
     figure.savefig(picture, dpi=150)
     plt.close(figure)
-
-
-def _polygons(mesh: Path) -> dict[str, np.ndarray]:
-    """Corner coordinates of the cells of each region."""
-    import gmsh
-
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.open(str(mesh))
-        tags, xyz, _ = gmsh.model.mesh.getNodes()
-        where = np.zeros(int(tags.max()) + 1, dtype=int)
-        where[tags] = np.arange(len(tags))
-        points = xyz.reshape(-1, 3)[:, :2]
-        found = {}
-        for _, group in gmsh.model.getPhysicalGroups(2):
-            faces = []
-            for surface in gmsh.model.getEntitiesForPhysicalGroup(2, group):
-                kinds, _, nodes = gmsh.model.mesh.getElements(2, surface)
-                for kind, n in zip(kinds, nodes, strict=True):
-                    faces.append(points[where[n.reshape(-1, {2: 3, 3: 4}[int(kind)])]])
-            found[gmsh.model.getPhysicalName(2, group)] = np.concatenate(faces)
-        return found
-    finally:
-        gmsh.finalize()
