@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 
 class DealibError(Exception):
     """Base of all errors that dealib explains to its user.
@@ -61,3 +65,11 @@ class Interrupted(DealibError):
         super().__init__(message)
         self.signal, self.everywhere = signal, everywhere
         self.exit_code = 128 + signal
+
+
+def did_you_mean(word: object, known: Sequence[str] | Mapping[str, Any]) -> str:
+    """A hint at the nearest known word, or at all of them."""
+    near = difflib.get_close_matches(str(word), list(known), n=1, cutoff=0.6)
+    if near:
+        return f"; did you mean {near[0]!r}?"
+    return f"; known: {', '.join(known)}" if known else ""

@@ -49,3 +49,10 @@ def shown(text: object, most: int = 100) -> str:
     """A text of any length, short enough for a message."""
     whole = str(text)
     return whole if len(whole) <= most else f"{whole[: most - 30]}...{whole[-27:]}"
+
+
+def too_long(path: str) -> str:
+    """Why no file system takes a path; empty if its length is none."""
+    longest = max(len(os.fsencode(part)) for part in path.split("/"))
+    fits = longest <= 240 and len(path) <= 4000  # what is added to it has to fit too
+    return "" if fits else f"{shown(path)}: too long for a path"

@@ -7,9 +7,8 @@ from pathlib import Path
 import typer
 
 from dealib.config import reference
-from dealib.config.source import did_you_mean
 from dealib.config.templates import TEMPLATES, template
-from dealib.errors import ConfigError, PlatformError
+from dealib.errors import ConfigError, PlatformError, did_you_mean
 
 
 def _text(of: str, page: bool) -> str:

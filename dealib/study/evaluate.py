@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dealib.config.schema import Config
-from dealib.config.source import did_you_mean
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, did_you_mean
 from dealib.results.elements import Array
 from dealib.results.reader import Run
 from dealib.study.cache import DONE, FAILED, Cache

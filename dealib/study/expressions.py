@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from dealib.config.source import did_you_mean
+from dealib.errors import did_you_mean
 
 _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
