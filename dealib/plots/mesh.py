@@ -12,6 +12,7 @@ from matplotlib.patches import Patch
 
 from dealib.errors import ConfigError
 from dealib.geometry import msh
+from dealib.plots.labels import plain
 
 COLOURS = {
     "film": "#f2c14e",
@@ -42,7 +43,7 @@ def draw_mesh(mesh: Path, picture: Path | IO[bytes]) -> None:
     axes[0].autoscale_view()
     axes[1].set(xlim=(left - near / 3, left + near), ylim=(-near * 0.67, near * 0.67))
     axes[2].set(xlim=(right - near, right + near / 3), ylim=(-near * 0.67, near * 0.67))
-    patches = [Patch(fc=COLOURS.get(r, "#cccccc"), ec="#333333", label=r) for r in polygons]
+    patches = [Patch(fc=COLOURS.get(r, "#cccccc"), ec="#333333", label=plain(r)) for r in polygons]
     figure.legend(handles=patches, loc="outside lower center", ncols=len(patches), frameon=False)
     figure.savefig(picture, dpi=150)
     plt.close(figure)
