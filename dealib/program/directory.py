@@ -162,7 +162,8 @@ def _take_up(path: Path, case: Case, info: dict[str, Any]) -> Checkpoint | None:
         return None
     run = Run(path)
     old = run.info
-    saved = CheckpointFolder(path).read()
+    folder = CheckpointFolder(path)
+    saved = folder.read()
     if saved is None:
         return None  # killed before anything converged
     _refuse_changes(path, case)
@@ -178,6 +179,8 @@ def _take_up(path: Path, case: Case, info: dict[str, Any]) -> Checkpoint | None:
             f"{path}: cannot resume, {store.HISTORY} ends before the checkpoint (step "
             f"{saved.step}); start anew with --overwrite"
         )
+    for name, found in store.histories(path, saved.step).items():
+        folder.check_history(saved, found, name)
     for name, version in info["versions"].items():
         before = old.get("versions", {}).get(name)
         if before != version:

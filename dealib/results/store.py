@@ -17,6 +17,7 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
+from dealib.errors import ConfigError
 from dealib.results.elements import Array, Cell
 from dealib.results.files import guarded, memory_hdf5, new_hdf5, write_hdf5, write_text
 from dealib.results.mesh import ResultMesh
@@ -287,6 +288,25 @@ def _item(file: str, key: str, shape: tuple[int, ...], kind: str, size: int) -> 
         f'<DataItem Dimensions="{dims}" NumberType="{kind}" Precision="{size}" Format="HDF">'
         f"{FIELD_DATA}/{file}:/{key}</DataItem>"
     )
+
+
+def histories(directory: Path, step: int) -> dict[str, list[dict[str, Any]]]:
+    """The rows up to a step that both files of a run hold, by the file's name.
+
+    Raises:
+        ConfigError: If one cannot be read.
+    """
+    try:
+        with (directory / HISTORY).open(encoding="utf-8", newline="") as file:
+            rows: list[dict[str, Any]] = list(csv.DictReader(file))
+        with h5py.File(directory / STATES, "r") as stored:
+            columns = {name: values[:] for name, values in stored["history"].items()}
+    except (OSError, ValueError, KeyError, csv.Error) as error:
+        raise ConfigError(f"{directory}: cannot resume, damaged results ({error})") from None
+    same = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    for row in same:
+        row |= {name: value.decode() for name, value in row.items() if isinstance(value, bytes)}
+    return {HISTORY: rows[: step + 1], STATES: same[: step + 1]}
 
 
 def write_info(directory: Path, info: Mapping[str, Any]) -> None:
