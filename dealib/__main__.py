@@ -23,8 +23,10 @@ def _rank() -> int:
 
 def main() -> None:
     """Run the command line."""
+    from dealib.cli.streams import flushed, guard
     from dealib.errors import DealibError
 
+    guard()
     try:
         code = _command()
         if code == 130:  # typer swallows Ctrl-C
@@ -54,16 +56,17 @@ def main() -> None:
             traceback.print_exc()
             _abort_all_ranks(1)
         raise
-    sys.exit(code)
+    sys.exit(flushed(code))
 
 
 def _command() -> int:
     """Run the command that the arguments name; returns typer's exit code."""
     from dealib.cli.app import app
-    from dealib.cli.usage import UsageError, explain
+    from dealib.cli.usage import UsageError, explain, refuse_long
     from dealib.errors import ConfigError
 
     arguments = [_at_home(a) for a in sys.argv[1:]] or ["--help"]
+    refuse_long(arguments)
     try:
         return int(app(arguments, prog_name="dealib", standalone_mode=False) or 0)
     except UsageError as error:

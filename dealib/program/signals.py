@@ -48,7 +48,9 @@ class Signals:
         """Take the signals; returns who had them."""
         if threading.current_thread() is not threading.main_thread():
             return {}
-        handlers = dict.fromkeys(_STOP, self._on_stop) | {signal.SIGUSR1: self._on_report}
+        handlers: dict[int, Any] = {**dict.fromkeys(_STOP, self._on_stop)}
+        # PETSc and Gmsh let a closed pipe end the process; Python tells of it instead
+        handlers |= {signal.SIGUSR1: self._on_report, signal.SIGPIPE: signal.SIG_IGN}
         return {number: signal.signal(number, handler) for number, handler in handlers.items()}
 
     def obey(self) -> bool:
