@@ -12,6 +12,7 @@ from typing import Any
 from dealib.config.schema import Config
 from dealib.errors import ConfigError, PlatformError
 from dealib.geometry import annular_strips, msh, own_mesh, sound
+from dealib.patience import patience
 
 
 @contextmanager
@@ -30,7 +31,8 @@ def gmsh_model(config: Config) -> Iterator[Any]:
         gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
         if config.mesh.file is None:
             gmsh.model.add(config.name)
-            annular_strips.build(gmsh, config.geometry, config.mesh)
+            with patience("meshing"):
+                annular_strips.build(gmsh, config.geometry, config.mesh)
         else:
             _read(gmsh, config)
         yield gmsh

@@ -8,15 +8,19 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from dealib.patience import NOTE
+
 LOGGER = logging.getLogger("dealib")
 LOG = "run.log"
+logging.addLevelName(NOTE, "NOTE")
 
 
 class _Terminal(logging.Handler):
     """Writes to whatever standard error is now (a progress bar replaces it)."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        print(self.format(record), file=sys.stderr, flush=True)
+        stream = sys.stdout if record.levelno == NOTE else sys.stderr
+        print(self.format(record), file=stream, flush=True)
 
 
 class _Kept(logging.Handler):
@@ -48,7 +52,7 @@ def to_terminal(verbose: bool, here: bool = True) -> None:
     if not here:
         LOGGER.addHandler(logging.NullHandler())
         return
-    terminal = _Terminal(logging.DEBUG if verbose else logging.WARNING)
+    terminal = _Terminal(logging.DEBUG if verbose else NOTE)
     terminal.setFormatter(logging.Formatter("dealib: %(message)s"))
     LOGGER.addHandler(terminal)
     LOGGER.setLevel(logging.DEBUG if verbose else logging.INFO)
