@@ -98,7 +98,7 @@ def parse(text: object, dimension: str) -> float:
     return value
 
 
-def _sensible(text: object, dimension: str) -> float:
+def sensible(text: object, dimension: str) -> float:
     """Read a quantity of a config (see `parse`), neither so small nor so large that sums fail."""
     value = parse(text, dimension)
     if value and not _LEAST <= abs(value) <= 1 / _LEAST:
@@ -189,7 +189,7 @@ def _quantity(dimension: str) -> Any:
     _, example = DIMENSIONS[dimension]
     return Annotated[
         float,
-        BeforeValidator(functools.partial(_sensible, dimension=dimension)),
+        BeforeValidator(functools.partial(sensible, dimension=dimension)),
         PlainSerializer(functools.partial(write, dimension=dimension), return_type=str),
         WithJsonSchema(
             {

@@ -196,7 +196,7 @@ SIZES = [
      r"\d+ MB of memory, \d+ years, "),
     ("branches", "    prestretch: 1.1", "    prestretch: 1.1\n    branches: ["
      + ", ".join(["{shear_modulus: 20 kPa, relaxation_time: 1 s}"] * 500) + "]",
-     "16:15: materials.film.branches: expected at most 50 items, not 500"),
+     "16:15: materials.film.branches: expected at most 30 items, not 500"),
     ("cuts", "program:", "solver: {max_cuts: 1000000}\nprogram:",
      "19:20: solver.max_cuts: must be at most 40, not 1000000"),
     ("a film that is no film", "30 um", "1e-308 um",

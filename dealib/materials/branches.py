@@ -32,6 +32,6 @@ class Viscoelastic(BaseModel):
 
     branches: tuple[Branch, ...] = Field(
         (),
-        max_length=50,
+        max_length=30,
         description="Maxwell branches beside the law, which alone is left in the long run",
     )
