@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from dealib.config import Case, load
-    from dealib.errors import ConfigError, DealibError, NotConverged
+    from dealib.errors import ConfigError, DealibError, Interrupted, NotConverged
     from dealib.program import Simulation, State, simulate
     from dealib.results.reader import Run
     from dealib.results.reader import Run as open
@@ -24,6 +24,7 @@ __all__ = [
     "Case",
     "ConfigError",
     "DealibError",
+    "Interrupted",
     "NotConverged",
     "Run",
     "Simulation",
@@ -40,6 +41,7 @@ _LAZY = {
     "load": ("dealib.config", "load"),
     "ConfigError": ("dealib.errors", "ConfigError"),
     "DealibError": ("dealib.errors", "DealibError"),
+    "Interrupted": ("dealib.errors", "Interrupted"),
     "NotConverged": ("dealib.errors", "NotConverged"),
     "Run": ("dealib.results.reader", "Run"),
     "open": ("dealib.results.reader", "Run"),

@@ -1,76 +1,87 @@
-"""Entry point of the command line: errors become one message and an exit code."""
+"""Entry point of the command line: whatever ends it becomes one message and an exit code."""
 
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
+from types import FrameType
 
 import dealib.cli.clock  # noqa: F401 - starts it
+from dealib.errors import ConfigError, DealibError, Interrupted
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy loads its BLAS
     os.environ.setdefault(_name, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")  # pictures go to files, with a screen or without
 
 
-def _rank() -> int:
-    """Rank under mpirun, without importing MPI."""
-    for name in ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK"):
-        if name in os.environ:
-            return int(os.environ[name])
-    return 0
-
-
 def main() -> None:
     """Run the command line."""
     from dealib.cli.streams import flushed, guard
-    from dealib.errors import DealibError
 
     guard()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, _stop)
+    everywhere = False
     try:
-        code = _command()
-        if code == 130:  # typer swallows Ctrl-C
-            raise KeyboardInterrupt
-    except DealibError as error:
-        if _rank() == 0:
-            print(f"dealib: {error}", file=sys.stderr)
-        code = error.exit_code
-        if not error.everywhere:
-            _abort_all_ranks(code)
-    except ModuleNotFoundError as error:
-        if error.name and error.name.split(".")[0] == "dealib":
-            raise
-        print(
-            f"dealib: the Python module {error.name!r} is missing; ./run --help sets up all that "
-            "is needed, .venv/bin/dealib is then the program",
-            file=sys.stderr,
-        )
-        code = 4
-    except KeyboardInterrupt:
-        print("dealib: interrupted", file=sys.stderr)
-        code = 130
-    except Exception:
-        if _ranks() > 1:
-            import traceback
-
-            traceback.print_exc()
-            _abort_all_ranks(1)
-        raise
+        code, everywhere = _command(), True
+    except (DealibError, Interrupted) as error:
+        code, everywhere = error.exit_code, error.everywhere
+        _say(str(error))
+    except Exception as error:
+        code = _unforeseen(error)
+    if not everywhere:
+        _abort_all_ranks(code)
     sys.exit(flushed(code))
 
 
+def _stop(number: int, frame: FrameType | None) -> None:
+    """End in good order at a first signal, at once at a second one."""
+    for again in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(again, signal.SIG_DFL)
+    raise Interrupted(f"stopped by {signal.Signals(number).name}", number)
+
+
 def _command() -> int:
-    """Run the command that the arguments name; returns typer's exit code."""
+    """Run the command that the arguments name; returns its exit code."""
+    import typer
+    from typer.main import get_command
+
     from dealib.cli.app import app
     from dealib.cli.usage import UsageError, explain, refuse_long
-    from dealib.errors import ConfigError
 
-    arguments = [_at_home(a) for a in sys.argv[1:]] or ["--help"]
+    given = [_at_home(a) for a in sys.argv[1:]]
+    verbose = [a for a in given if a in ("-v", "--verbose")]  # it may stand anywhere
+    arguments = [a for a in given if a not in verbose] or ["--help"]
     refuse_long(arguments)
     try:
-        return int(app(arguments, prog_name="dealib", standalone_mode=False) or 0)
+        command = get_command(app)
+        with command.make_context("dealib", [*verbose, *arguments]) as context:
+            command.invoke(context)  # and not main(), which swallows interrupts
+    except typer.Exit as stop:
+        return int(stop.exit_code)
     except UsageError as error:
         raise ConfigError(explain(error, arguments)) from None
+    return 0
+
+
+def _unforeseen(error: Exception) -> int:
+    """Tell what stopped the command; returns the exit code."""
+    if isinstance(error, MemoryError):
+        _say(": ".join(["not enough memory", *map(str, error.args)]))
+        return 4
+    name = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
+    if name and name.split(".")[0] != "dealib":
+        _say(
+            f"the Python module {name!r} is missing; ./run --help sets up all that is needed, "
+            ".venv/bin/dealib is then the program"
+        )
+        return 4
+    from dealib.cli.fault import EXIT_CODE, told
+
+    _say(told(error, sys.argv[1:]), always=True)
+    return EXIT_CODE
 
 
 def _at_home(argument: str) -> str:
@@ -81,20 +92,21 @@ def _at_home(argument: str) -> str:
     return os.path.expanduser(argument)
 
 
-def _ranks() -> int:
-    """Number of ranks, without importing MPI."""
-    if "mpi4py.MPI" not in sys.modules:
-        return 1
-    from mpi4py import MPI
+def _say(message: str, always: bool = False) -> None:
+    """Tell the user, once for all ranks unless each has something of its own to say."""
+    from dealib.cli.root import rank
 
-    return int(MPI.COMM_WORLD.size)
+    if always or rank() == 0:
+        print(f"dealib: {message}", file=sys.stderr)
 
 
 def _abort_all_ranks(code: int) -> None:
     """What stopped one rank must not leave the others waiting."""
-    if _ranks() > 1:
-        from mpi4py import MPI
+    if "mpi4py.MPI" not in sys.modules:
+        return
+    from mpi4py import MPI
 
+    if MPI.COMM_WORLD.size > 1:
         sys.stdout.flush()
         sys.stderr.flush()
         time.sleep(0.5)  # for mpirun to pass it on: an abort kills those that do

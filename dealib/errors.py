@@ -7,6 +7,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 
+def first_line(error: BaseException) -> str:
+    """What an error says first, or its kind if it says nothing."""
+    return next(iter(str(error).splitlines()), type(error).__name__)
+
+
 class DealibError(Exception):
     """Base of all errors that dealib explains to its user.
 
@@ -35,8 +40,11 @@ class ValueAt(ValueError):
     """
 
     def __init__(self, where: tuple[str | int, ...], message: str) -> None:
-        super().__init__(message)
+        super().__init__(where, message)  # all of them: pickle makes the error anew from these
         self.where = where
+
+    def __str__(self) -> str:
+        return str(self.args[1])
 
 
 class NotConverged(DealibError):
@@ -52,19 +60,29 @@ class PlatformError(DealibError):
     everywhere = False
 
 
-class Interrupted(DealibError):
-    """A signal asked the run to stop; what converged is kept.
+class Interrupted(KeyboardInterrupt):
+    """A signal asked to stop; what is finished is kept.
+
+    It is no `DealibError`, nor any other `Exception`: a loop that goes on past cases that fail is
+    to end when its user says so.
 
     Args:
-        message: What was saved and how to go on.
+        message: What was kept and how to go on.
         signal: Number of the signal; the exit code is 128 + signal.
         everywhere: Whether every rank raises it.
     """
 
     def __init__(self, message: str, signal: int, everywhere: bool = False) -> None:
-        super().__init__(message)
+        super().__init__(message, signal, everywhere)
         self.signal, self.everywhere = signal, everywhere
-        self.exit_code = 128 + signal
+
+    @property
+    def exit_code(self) -> int:
+        """As shells give it."""
+        return 128 + self.signal
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 def did_you_mean(word: object, known: Sequence[str] | Mapping[str, Any]) -> str:

@@ -548,7 +548,7 @@ def test_init_and_schema_overwrite_nothing(dealib, tmp_path):
 
 def test_broken_run_directory(dealib, tmp_path):
     (tmp_path / "run.json").write_text('{"name": "x", ')
-    said = "dealib: run.json: not readable as JSON; this is no intact run\n"
+    said = "dealib: run.json: damaged (not readable as JSON); there are no results either\n"
     assert dealib("info", ".") == (2, "", said)
 
 

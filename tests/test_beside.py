@@ -18,6 +18,7 @@ from dealib.program import directory as run_directory
 from dealib.program import run as program_run
 from dealib.results import store
 from dealib.results.beside import Beside
+from dealib.results.history import HISTORY
 from dealib.results.lock import Lock
 
 HERE = Path(__file__).parent
@@ -124,7 +125,7 @@ def test_signals_are_the_runs_alone(tmp_path):
                 os.kill(beside._process.pid, number)
             os.kill(os.getpid(), signal.SIGTERM)
 
-        with pytest.raises(dealib.DealibError, match="stopped by SIGTERM"):
+        with pytest.raises(dealib.Interrupted, match="stopped by SIGTERM"):
             dealib.simulate(case, tmp_path / "run", beside=beside, observers=[At(7, stop)])
     run = dealib.open(tmp_path / "run")
     assert run.status == "interrupted"
@@ -160,11 +161,11 @@ def test_a_directory_in_use_is_not_taken(tmp_path, monkeypatch):
     monkeypatch.setattr(run_directory, "_PATIENCE", 0.1)
     case = dealib.load(HERE / "small.yaml", set={"program": "[{stage: prestrain}]"})
     dealib.simulate(case, tmp_path / "run")
-    before = (tmp_path / "run" / store.HISTORY).read_bytes()
+    before = (tmp_path / "run" / HISTORY).read_bytes()
     with (
         Lock(tmp_path / "run"),
         pytest.raises(ConfigError, match="another run is writing there"),
     ):
         dealib.simulate(case, tmp_path / "run", overwrite=True)
-    assert (tmp_path / "run" / store.HISTORY).read_bytes() == before
+    assert (tmp_path / "run" / HISTORY).read_bytes() == before
     dealib.simulate(case, tmp_path / "run", overwrite=True)

@@ -16,8 +16,9 @@ from dealib.config import load
 from dealib.errors import ConfigError, NotConverged
 
 
-def call(monkeypatch, capsys, *arguments):
-    monkeypatch.setattr(sys, "argv", ["dealib", "calibrate", *map(str, arguments)])
+def call(monkeypatch, capsys, *arguments, cache=None):
+    options = [] if cache is None else ["--cache", cache]
+    monkeypatch.setattr(sys, "argv", ["dealib", "calibrate", *map(str, [*arguments, *options])])
     with pytest.raises(SystemExit) as stop:
         main()
     return (stop.value.code, *capsys.readouterr())
@@ -34,8 +35,8 @@ def test_synthetic_data_are_what_they_say():
 
 
 def test_example_finds_the_true_values(tmp_path, monkeypatch, capsys):
-    fit, out = FITS / "example.yaml", tmp_path / "fit"
-    code, said, _ = call(monkeypatch, capsys, fit, "--out", out, "-j", 2)
+    fit, out, cache = FITS / "example.yaml", tmp_path / "fit", tmp_path / "cases"
+    code, said, _ = call(monkeypatch, capsys, fit, "--out", out, "-j", 2, cache=cache)
     assert code == 0
     rows = {key: list(map(float, row[:4])) for key, *row in table(out / "parameters.csv")}
     assert set(rows) == set(TRUE)
@@ -67,15 +68,24 @@ def test_example_finds_the_true_values(tmp_path, monkeypatch, capsys):
         f"dealib: {out} exists and is not empty; --resume it, --overwrite it, or choose another "
         "--out\n"
     )
-    code, said, _ = call(monkeypatch, capsys, fit, "--out", out, "--resume", "-j", 1)
+    for more in ("--resume", "--overwrite"):
+        code, said, _ = call(monkeypatch, capsys, fit, "--out", out, more, "-j", 1, cache=cache)
+        assert code == 0
+        assert ", 0 cases solved" in said
+        assert (out / "parameters.csv").read_text() == before
+    # one of them damaged: it is solved again
+    case = next(path for path in cache.iterdir() if path.is_dir())
+    (case / "results.h5").write_bytes(b"no results")
+    code, said, _ = call(monkeypatch, capsys, fit, "--out", out, "--resume", "-j", 1, cache=cache)
     assert code == 0
-    assert "0 cases solved" in said
+    assert ", 1 cases solved" in said
     assert (out / "parameters.csv").read_text() == before
 
 
 def test_branches_are_found_from_a_relaxation_curve(tmp_path, monkeypatch, capsys):
     out = tmp_path / "fit"
-    code, _, _ = call(monkeypatch, capsys, FITS / "relaxation.yaml", "--out", out, "-j", 2)
+    given = (FITS / "relaxation.yaml", "--out", out, "-j", 2)
+    code, _, _ = call(monkeypatch, capsys, *given, cache=tmp_path / "cases")
     assert code == 0
     rows = {key: list(map(float, row[:4])) for key, *row in table(out / "parameters.csv")}
     for key, true in RELAXING.items():
@@ -284,12 +294,7 @@ def test_foreign_directory_is_left_alone(tmp_path, monkeypatch, capsys):
     assert [p.name for p in out.iterdir()] == ["mine.txt"]
 
 
-def test_solved_cases_are_not_thrown_away_on_the_way_to_resume(tmp_path, monkeypatch, capsys):
-    cases = tmp_path / "out" / "cases"
-    cases.mkdir(parents=True)
-    for file in (cases / "solved.json", cases.parent / "fit.yaml"):
-        file.write_text("{}")
-    given = (FITS / "example.yaml", "--out", cases.parent, "--resume", "--overwrite")
+def test_resume_and_overwrite_exclude_each_other(tmp_path, monkeypatch, capsys):
+    given = (FITS / "example.yaml", "--out", tmp_path, "--resume", "--overwrite")
     code, _, err = call(monkeypatch, capsys, *given)
     assert (code, err) == (2, "dealib: --overwrite and --resume exclude each other\n")
-    assert (cases / "solved.json").read_text() == "{}"

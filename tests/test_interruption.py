@@ -17,9 +17,12 @@ import pytest
 from watch import At
 
 import dealib
+from dealib import files
 from dealib.errors import ConfigError, PlatformError
 from dealib.program import run as program_run
-from dealib.results import files, store
+from dealib.results import store
+from dealib.results.history import HISTORY
+from dealib.results.info import INFO
 from dealib.results.lock import Lock
 
 SMALL = Path(__file__).parent / "small.yaml"
@@ -92,14 +95,14 @@ def assert_readable(directory, whole):
     """Everything that converged can be read; returns the number of rows."""
     import pyvista as pv
 
-    if not (directory / store.INFO).exists():
-        assert not (directory / store.HISTORY).exists()
+    if not (directory / INFO).exists():
+        assert not (directory / HISTORY).exists()
         return 0
     run = dealib.open(directory)
     assert run.status in ("done", "killed")
-    if not (directory / store.HISTORY).exists():
+    if not (directory / HISTORY).exists():
         return 0
-    assert (directory / store.HISTORY).read_bytes().endswith(b"\n")
+    assert (directory / HISTORY).read_bytes().endswith(b"\n")
     rows = len(run.history)
     assert_same_history(run, whole, rows)
     stored = run.stored_steps
@@ -137,7 +140,7 @@ def kill_at_random(tmp_path, whole, times, seed):
         assert_same_history(after, whole)
         assert after.stored_steps == list(range(STEPS + 1))
         assert assert_readable(directory, whole) == STEPS + 1
-        assert not list(directory.rglob("*.tmp"))
+        assert not list(directory.rglob("*.tmp*"))
     return found
 
 
@@ -211,7 +214,7 @@ def when_converged(directory, steps):
     deadline = time.monotonic() + 90
     while time.monotonic() < deadline:
         try:
-            if (directory / store.HISTORY).read_text().count("\n") > steps + 1:
+            if (directory / HISTORY).read_text().count("\n") > steps + 1:
                 return
         except FileNotFoundError:
             pass
@@ -314,14 +317,14 @@ def test_signal_under_mpirun(tmp_path, whole, sent):
 def stopped(tmp_path):
     """A run that stopped after step 6."""
     stop = At(6, lambda: os.kill(os.getpid(), signal.SIGTERM))
-    with pytest.raises(dealib.DealibError, match="stopped by SIGTERM") as caught:
+    with pytest.raises(dealib.Interrupted, match="stopped by SIGTERM") as caught:
         dealib.simulate(small(), tmp_path / "run", observers=[stop])
     assert caught.value.exit_code == 143
     return tmp_path / "run"
 
 
 def test_resume_refuses_other_physics_and_says_which(stopped):
-    before = (stopped / store.HISTORY).read_bytes()
+    before = (stopped / HISTORY).read_bytes()
     changed = small(
         "materials.film.youngs_modulus=2 MPa",
         "geometry.outer_radius=13 mm",
@@ -335,7 +338,7 @@ def test_resume_refuses_other_physics_and_says_which(stopped):
     assert "program.1.terminal.voltage.1: was 2.0 kV, is 1.0 kV" in message
     assert "program.1.terminal.voltage.2: was 0.0 kV, is absent" in message
     assert "Only name, description, output, solver and mesh.file may change" in message
-    assert (stopped / store.HISTORY).read_bytes() == before
+    assert (stopped / HISTORY).read_bytes() == before
     assert dealib.open(stopped).status == "interrupted"
 
 
@@ -377,11 +380,22 @@ def test_a_killed_run_whose_process_number_lives_on_is_resumed(stopped, whole):
     assert_same_history(dealib.simulate(small(), stopped, resume=True), whole[0])
 
 
-@pytest.mark.parametrize("name", [store.HISTORY, store.STATES, "config.resolved.yaml"])
-def test_resume_says_what_a_damaged_run_lacks(stopped, name):
+@pytest.mark.parametrize("name", [HISTORY, "config.resolved.yaml"])
+def test_what_the_results_hold_too_is_taken_from_there(stopped, whole, name, caplog):
     (stopped / name).unlink()
-    with pytest.raises(ConfigError, match=f"cannot resume, {name} .*start anew with --overwrite"):
+    assert_same_history(dealib.simulate(small(), stopped, resume=True), whole[0])
+    assert f"{stopped / name}: " in caplog.text
+    assert "is that in results.h5" in caplog.text
+    assert (stopped / name).is_file()
+
+
+def test_resume_says_what_a_damaged_run_lacks(stopped):
+    (stopped / store.STATES).unlink()
+    with pytest.raises(ConfigError, match=r"cannot resume, .*results.h5: missing") as caught:
         dealib.simulate(small(), stopped, resume=True)
+    assert str(caught.value).endswith(
+        "still readable: run.json, history.csv, config.resolved.yaml; start anew with --overwrite"
+    )
     (stopped / "run.json").write_text("{")
     (stopped / "mine.txt").write_text("kept")
     again = dealib.simulate(small("program=[{stage: prestrain}]"), stopped, overwrite=True)
@@ -392,10 +406,10 @@ def test_resume_says_what_a_damaged_run_lacks(stopped, name):
 
 def test_resume_of_a_finished_run_of_another_config_is_refused(whole):
     run, _ = whole
-    before = (run.directory / store.HISTORY).read_bytes()
+    before = (run.directory / HISTORY).read_bytes()
     with pytest.raises(ConfigError, match=r"outer_radius: was 12\.0 mm, is 13\.0 mm"):
         dealib.simulate(small("geometry.outer_radius=13 mm"), run.directory, resume=True)
-    assert (run.directory / store.HISTORY).read_bytes() == before
+    assert (run.directory / HISTORY).read_bytes() == before
 
 
 def test_resuming_a_finished_run_changes_nothing(whole, caplog):
@@ -418,7 +432,7 @@ def test_a_limit_on_file_size_stops_it_cleanly(tmp_path, whole, kilobytes):
     assert job.returncode == 4
     assert "cannot write " in message
     assert "File too large" in message or "limit on file size" in message
-    assert not list(directory.rglob("*.tmp"))
+    assert not list(directory.rglob("*.tmp*"))
     resumed = dealib.simulate(small(), directory, resume=True)
     assert_same_history(resumed, whole[0])
 

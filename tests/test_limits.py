@@ -14,8 +14,8 @@ from dealib.config import load
 from dealib.config.size import size
 from dealib.errors import ConfigError
 from dealib.geometry.msh import read as read_mesh
+from dealib.log import to_terminal
 from dealib.patience import patience
-from dealib.program.log import to_terminal
 from dealib.reading import read_text
 from dealib.study.plan import read
 

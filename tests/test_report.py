@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 
+import h5py
 import pytest
 from matplotlib.image import imread
 
@@ -105,10 +106,15 @@ def test_an_unfinished_run_says_so(strip_run, tmp_path):
     (tmp_path / "run" / "run.json").write_text(json.dumps(info))
     rows = (tmp_path / "run" / "history.csv").read_text().splitlines(keepends=True)[:9]
     (tmp_path / "run" / "history.csv").write_text("".join(rows))
+    with h5py.File(tmp_path / "run" / "results.h5", "a") as file:
+        for column in file["history"].values():
+            column.resize(8, axis=0)
     run = dealib.open(tmp_path / "run")
     assert facts.warnings(run)[0] == "The run is not complete: not converged. stage 'push' stopped"
     assert dict(facts.solution(run))["Steps"] == "7 of 17 planned"
     (tmp_path / "run" / "history.csv").unlink()
+    with h5py.File(tmp_path / "run" / "results.h5", "a") as file:
+        del file["history"]
     with pytest.raises(ConfigError, match="no step has converged yet"):
         render(dealib.open(tmp_path / "run"))
 

@@ -8,19 +8,20 @@ import subprocess
 import sys
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pandas as pd
 import pytest
 
 import dealib
+from dealib import versions
+from dealib.cases.cache import Cache
+from dealib.cases.workers import Pool, Watcher
 from dealib.errors import ConfigError
 from dealib.study import sample, sweep
-from dealib.study.cache import Cache
 from dealib.study.evaluate import Results
 from dealib.study.expressions import OF_A_CASE, Expression
-from dealib.study.job import Job
 from dealib.study.plan import find, read
-from dealib.study.workers import _Queue, in_processes
 
 ROOT = Path(__file__).parent.parent
 THESIS = ROOT / "configs" / "thesis"
@@ -138,10 +139,12 @@ def test_expressions_are_arithmetic_only(text, message):
         Expression(text, {})
 
 
-def test_expression_names_unknown_things_and_survives_overflow():
+def test_expression_names_unknown_things_and_bounds_powers():
     with pytest.raises(ValueError, match="unknown name 'forse_N'; did you mean 'force_N'"):
         Expression("forse_N", {})({"force_N": np.ones(1)}, {})
-    assert np.isinf(Expression("9 ** 9 ** 9 ** 9", {})({}, {}))
+    with pytest.raises(ValueError, match=r"'9 \*\* 9 \*\* 9 \*\* 9': an exponent is beyond 64"):
+        Expression("9 ** 9 ** 9 ** 9", {})({}, {})
+    assert Expression("2 ** 64", {})({}, {}) == 2.0**64
 
 
 # --- cases ---------------------------------------------------------------------------------------
@@ -156,11 +159,9 @@ def test_axes_multiply_and_lists_go_in_step(folder):
         [0.03, 0.03, 0.06, 0.06]
     )
     assert cases[1].work.materials.film.parameters["c01"] == pytest.approx(-1 / 12)
-    # both thicknesses share their forms, the laws do not
-    assert cases[0].kind == cases[2].kind != cases[1].kind
 
 
-def test_key_is_that_of_the_physics(folder, tmp_path):
+def test_key_is_that_of_the_physics(folder, tmp_path, monkeypatch):
     def key(base=BASE, study=STUDY):
         (tmp_path / "tiny.yaml").write_text(base)
         (tmp_path / "study.yaml").write_text(study)
@@ -172,6 +173,13 @@ def test_key_is_that_of_the_physics(folder, tmp_path):
     assert key(study=STUDY.replace("tiny_study", "other_study")) == first
     assert key(BASE.replace("1.15", "1.16")) != first
     assert key(study=STUDY.replace("-0.05 N", "-0.06 N")) != first
+    with monkeypatch.context() as patch:
+        patch.setattr(versions, "installed", lambda: {"petsc4py": "99"})
+        assert key() != first
+    with monkeypatch.context() as patch:
+        patch.setattr(versions, "source", lambda: "of another solver")
+        assert key() != first
+    assert key() == first
 
 
 @pytest.mark.parametrize(
@@ -396,7 +404,7 @@ def test_an_interrupted_sweep_keeps_what_is_solved(folder):
                 process.send_signal(signal.SIGTERM)
         said = process.stderr.read().decode()
     assert process.returncode == 143
-    ended = int(re.search(r"interrupted after (\d+) of 12 cases, which are kept", said)[1])
+    ended = int(re.search(r"by SIGTERM after (\d+) of 12 cases, which are kept", said)[1])
     plan, cache = read(folder / "sweep.yaml"), Cache(folder / "cut")
     left = sweep.missing([plan], cache)
     assert 1 <= ended <= 12 - len(left) < 12  # one may have ended unheard
@@ -413,20 +421,7 @@ def test_sweep_in_ranks(folder):
     assert list(summary["case"]) == [c.label for c in serial.cases]
 
 
-class Idle:
-    """Watches nothing."""
-
-    def begin(self, worker, job):
-        pass
-
-    def step(self, worker, job, step, total):
-        pass
-
-    def end(self, worker, outcome):
-        pass
-
-
-class Watcher(Idle):
+class Killer(Watcher):
     """Kills the worker of the first job at its first step."""
 
     killed = None
@@ -439,8 +434,9 @@ class Watcher(Idle):
 
 def test_a_dead_worker_is_reported_and_replaced(folder, tmp_path):
     jobs = sweep.missing([read(folder / "study.yaml")], Cache(tmp_path / "cases"))
-    watcher = Watcher()
-    outcomes = {o.job.label: o for o in sweep.solve(jobs, lambda j: in_processes(j, 1, watcher))}
+    watcher = Killer()
+    with Pool(1, watcher) as pool:
+        outcomes = {ended.job.label: ended for ended in pool.solve(jobs)}
     crashed = outcomes.pop(watcher.killed)
     assert (crashed.status, crashed.error) == ("crashed", "the process was ended by SIGKILL")
     assert [o.status for o in outcomes.values()] == ["done"] * 3
@@ -448,17 +444,9 @@ def test_a_dead_worker_is_reported_and_replaced(folder, tmp_path):
     assert [job.label for job in left] == [watcher.killed]
 
 
-def test_same_forms_are_never_compiled_together():
-    def job(name, kind):
-        return Job(name, name, kind, Path(), (), Path(), Path())
-
-    queue = _Queue([job("a1", "a"), job("a2", "a"), job("b1", "b"), job("b2", "b")])
-    first = queue.take()
-    assert first.label == "a1"
-    assert queue.take() is None  # a2 waits for a1's forms, b1 for a free compiler
-    queue.compiled(first)
-    assert [queue.take().label, queue.take().label] == ["a2", "b1"]
-    assert queue.take() is None
+def solve(plans, cache):
+    with Pool(1) as pool:
+        assert all(ended.status == "done" for ended in pool.solve(sweep.missing(plans, cache)))
 
 
 @pytest.mark.parametrize(
@@ -468,19 +456,70 @@ def test_same_forms_are_never_compiled_together():
          "along is a fraction from 0 to 1, not -inf"),
         ('timing("solv")', "no timing 'solv'; did you mean 'solve'?"),
         ('during(force_N, "push")', "this gives 3 numbers, not one"),
+        ('1 / end(voltage_kV, "push") / 0', "'1 / end(voltage_kV, \"push\") / 0' is infinite"),
+        ('log(end(force_N, "push"))', "'log(end(force_N, \"push\"))' is undefined"),
     ],
 )  # fmt: skip
 def test_failed_quantity_points_at_the_study(folder, text, message):
-    """What only the results can tell."""
-    plan = read(folder / "study.yaml")
+    """What only the results can tell; the others are there nevertheless."""
     cache = Cache(folder / "cases")
-    for job in sweep.missing([plan], cache):
-        list(sweep.solve([job], lambda j: in_processes(j, 1, Idle())))
+    solve([read(folder / "study.yaml")], cache)
     broken = folder / "broken.yaml"
     broken.write_text(STUDY.replace('-end(displacement_mm, "push")', text))
     plan = read(broken)
-    with pytest.raises(ConfigError, match=re.escape(f"quantities.depth: {message}\n")):
-        Results(plan, cache, sweep.statuses(plan, cache, {}))
+    results = Results(plan, cache, sweep.statuses(plan, cache, {}))
+    (fault,) = results.faults
+    assert f"quantities.depth: case '30 um, neo-Hookean': {message} (and 3 more cases)\n" in fault
+    assert np.isnan(results.values["depth"]).all()
+    assert np.isfinite(results.values["charge"]).all()
+
+
+def test_a_damaged_case_is_solved_again(folder, tmp_path):
+    """Whatever is damaged: the record, the history, the states, or numbers within a state."""
+    plan, cache = read(folder / "study.yaml"), Cache(tmp_path / "cases")
+    solve([plan], cache)
+    whole = Results(plan, cache, sweep.statuses(plan, cache, {}))
+    runs = [cache.folder / case.key for case in plan.cases]
+    (runs[0] / "run.json").write_text("[]")
+    (runs[1] / "history.csv").write_bytes(b"\x00\xff")
+    (runs[2] / "results.h5").write_bytes((runs[2] / "results.h5").read_bytes()[:999])
+    with h5py.File(runs[3] / "results.h5", "r") as file:
+        at = file["states/00001"].id.get_chunk_info(0).byte_offset
+    with (runs[3] / "results.h5").open("r+b") as file:
+        file.seek(at + 100)
+        file.write(b"damage")
+    assert {s.status for s in sweep.statuses(plan, cache, {})} == {"unknown", "damaged"}
+    assert len(sweep.missing([plan], cache)) == 4
+    solve([plan], cache)
+    again = Results(plan, cache, sweep.statuses(plan, cache, {}))
+    for name, values in whole.values.items():
+        np.testing.assert_array_equal(again.values[name], values)
+
+
+def test_infinite_numbers_are_told_by_name_before_and_after_solving(folder):
+    for text, problem in {
+        "1/0": "'1/0' is infinite",
+        "0/0": "'0/0' is undefined",
+        "9**9**9": "'9**9**9': an exponent is beyond 64",
+    }.items():
+        (folder / "inf.yaml").write_text(SWEEP.replace('end(charge_uC, "raise")', text))
+        done = run_cli(folder, "study", "inf.yaml", "--cache", "swept")
+        assert (done.returncode, done.stdout) == (2, "")
+        assert f"inf.yaml:12:11: quantities.charge: {problem}\n" in done.stderr
+    never = "at(force_N, voltage_kV, 99) + 1"  # which is no fault
+    later = STUDY.replace('-end(displacement_mm, "push")', "max(1 / (step - step))")
+    later = later.replace("quantities:", f"quantities:\n  never: {never}")
+    (folder / "later.yaml").write_text(later)
+    done = run_cli(folder, "study", "later.yaml", "--cache", "cases", "--out", "later")
+    assert done.returncode == 2
+    assert (
+        "later.yaml:15:10: quantities.depth: case '30 um, neo-Hookean': 'max(1 / (step - step))' "
+        "is infinite (and 3 more cases)\n" in done.stderr
+    )
+    assert "never" not in done.stderr
+    table = pd.read_csv(folder / "later" / "tiny_study.csv")
+    assert table["charge"].notna().all()
+    assert table["depth"].isna().all()
 
 
 @pytest.mark.parametrize(
@@ -496,8 +535,7 @@ def test_numbers_that_do_not_match_point_at_the_study(folder, old, new, message)
     broken, cache = folder / "mismatch.yaml", Cache(folder / "cases")
     broken.write_text(STUDY.replace(old, new))
     plan = read(broken)
-    for job in sweep.missing([plan], cache):
-        list(sweep.solve([job], lambda j: in_processes(j, 1, Idle())))
+    solve([plan], cache)
     results = Results(plan, cache, sweep.statuses(plan, cache, {}))
     with pytest.raises(ConfigError, match=re.escape(message)):
         _ = results.curves(1), results.comparison

@@ -1,102 +1,55 @@
-"""Solved cases: in parallel processes, kept on disk by the hash of their config."""
+"""Histories of cases: solved in parallel, and kept with those of studies."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import multiprocessing
-import signal
 from collections.abc import Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from dealib.config import Case, load, resolved
-from dealib.errors import NotConverged, PlatformError
+from dealib.cases.cache import DONE, FAILED, Cache, key
+from dealib.cases.job import Job
+from dealib.cases.workers import Pool
+from dealib.config import Case
+from dealib.errors import ConfigError, NotConverged, PlatformError
 
 History = dict[str, np.ndarray]
+_FIELDS = "none"
 
 
 class Cases:
-    """Solves cases in processes of its own; what is solved once is read from then on.
+    """Solves cases; what is solved once is read from then on.
 
     Args:
-        folder: Where the histories are kept.
-        jobs: Number of processes.
+        cache: Where solved cases are.
+        pool: Who solves them.
     """
 
-    def __init__(self, folder: Path, jobs: int) -> None:
-        self.folder, self.solved, self.found = folder, 0, 0
-        self._pool = ProcessPoolExecutor(
-            jobs, multiprocessing.get_context("spawn"), initializer=_ignore_interrupt
-        )
-
-    def __enter__(self) -> Cases:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        # cases under way are finished and kept
-        self._pool.shutdown(cancel_futures=True)
+    def __init__(self, cache: Cache, pool: Pool) -> None:
+        self.cache, self.pool, self.solved = cache, pool, 0
 
     def histories(self, cases: Sequence[Case]) -> list[History | NotConverged]:
         """Histories of cases, or why there is none.
 
         Raises:
-            PlatformError: If a process died.
+            ConfigError: If a case cannot be.
+            PlatformError: If a case failed in another way, or its process died.
         """
-        jobs: dict[str, Future[None]] = {}
-        files = [self.folder / f"{_key(case)}.json" for case in cases]
-        for case, file in zip(cases, files, strict=True):
-            if file.is_file():
-                self.found += 1
-            elif file.name not in jobs:
-                self.solved += 1
-                jobs[file.name] = self._pool.submit(_solve, case.path, case.overrides, file)
-        try:
-            for job in jobs.values():
-                job.result()
-        except BrokenProcessPool:
-            raise PlatformError("a process that solves a case died; is memory short?") from None
-        return [_read(file) for file in files]
+        keys = [key(case.config, _FIELDS) for case in cases]
+        jobs = {}
+        for known, case in zip(keys, cases, strict=True):
+            if known not in jobs and not self.cache.settled(known):
+                changes = (*case.overrides, f"output.fields={_FIELDS}")
+                folder = self.cache.folder
+                jobs[known] = Job(case.config.name, known, case.path, changes, folder)
+        for ended in self.pool.solve(list(jobs.values())):
+            self.solved += 1
+            if ended.status not in (DONE, FAILED):
+                kind = ConfigError if ended.exit_code == 2 else PlatformError
+                raise kind(f"a case of the fit {ended.status}: {ended.error}")
+        return [self._history(known) for known in keys]
 
-
-def _ignore_interrupt() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides
-
-
-def _key(case: Case) -> str:
-    """Hash of what decides on a case's history."""
-    from dealib.results.store import HISTORY
-
-    config = case.config.model_dump(mode="json", exclude={"name", "description", "output"})
-    text = HISTORY + json.dumps(config, sort_keys=True)
-    if case.config.mesh.file is not None:
-        text += Path(case.config.mesh.file).read_text(encoding="utf-8", errors="replace")
-    return hashlib.sha256(text.encode()).hexdigest()[:24]
-
-
-def _solve(path: Path, overrides: tuple[str, ...], file: Path) -> None:
-    """Solve a case in a worker and write its history, or why it failed."""
-    from dealib.program import Simulation
-    from dealib.results.store import write_text
-
-    case = load(path, overrides)
-    rows: list[dict[str, Any]] = []
-    error = ""
-    try:
-        rows.extend(state.row for state in Simulation(case))
-    except NotConverged as failure:
-        error = str(failure)
-    columns = {name: [row[name] for row in rows] for name in rows[0]} if rows else {}
-    content = {"error": error, "config": resolved(case.config), "history": columns}
-    write_text(file, json.dumps(content))
-
-
-def _read(file: Path) -> History | NotConverged:
-    content = json.loads(file.read_text(encoding="utf-8"))
-    if content["error"]:
-        return NotConverged(content["error"])
-    return {name: np.asarray(values) for name, values in content["history"].items()}
+    def _history(self, known: str) -> History | NotConverged:
+        run = self.cache.run(known)
+        if run.status == FAILED:
+            return NotConverged(run.info["error"])
+        return {str(name): values.to_numpy() for name, values in run.history.items()}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from pathlib import Path
 
@@ -10,19 +9,28 @@ import typer
 
 from dealib.calibration.cases import Cases
 from dealib.calibration.schema import Plan
-from dealib.errors import ConfigError, PlatformError
-from dealib.results.store import write_text
+from dealib.cases.cache import Cache
+from dealib.cases.workers import Pool, cores
+from dealib.errors import ConfigError, Interrupted, PlatformError
+from dealib.files import write_text
 
-FIT, CASES = "fit.yaml", "cases"
+FIT = "fit.yaml"
 
 
 def run_fit(
-    path: Path, out: Path | None, jobs: int | None, *, resume: bool, overwrite: bool
+    path: Path,
+    out: Path | None,
+    folder: Path,
+    jobs: int | None,
+    *,
+    resume: bool,
+    overwrite: bool,
 ) -> None:
     """Run a fit and print its report.
 
     Raises:
         ConfigError: If the fit or the options are wrong, or its directory exists.
+        Interrupted: With how to go on.
     """
     if resume and overwrite:
         raise ConfigError("--overwrite and --resume exclude each other")
@@ -31,12 +39,19 @@ def run_fit(
     _prepare(directory, resume=resume, overwrite=overwrite)
     write_text(directory / FIT, plan.source.text)
     wanted = len(plan.fit.data) * (len(plan.fit.parameters) + 1)
-    processes = jobs or min(len(os.sched_getaffinity(0)), wanted)
+    processes = jobs or min(cores(), wanted)
     from dealib.calibration.fit import run_search
     from dealib.calibration.report import as_text, write_report
 
-    with Cases(directory / CASES, processes) as cases:
-        fitted = run_search(plan, cases, typer.echo)
+    with Pool(processes) as pool:
+        cases = Cases(Cache(folder), pool)
+        try:
+            fitted = run_search(plan, cases, typer.echo)
+        except Interrupted as stop:
+            raise Interrupted(
+                f"{stop}; the {cases.solved} cases solved now are kept, --resume goes on with them",
+                stop.signal,
+            ) from None
     write_report(fitted, directory)
     typer.echo(f"\n{as_text(fitted)}\n\n{directory / 'report.html'}")
 
@@ -53,6 +68,6 @@ def _prepare(directory: Path, *, resume: bool, overwrite: bool) -> None:
         if overwrite:
             shutil.rmtree(directory)
     try:
-        (directory / CASES).mkdir(parents=True, exist_ok=True)
+        directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise PlatformError(f"cannot make {directory}: {error.strerror}") from None

@@ -11,7 +11,6 @@ from dealib.cli.run import solve
 from dealib.config.case import Case
 from dealib.config.size import refuse_full_disk
 from dealib.errors import ConfigError
-from dealib.program.log import to_terminal
 from dealib.program.tables import tables_case
 from dealib.results.tables import Tables, collect
 
@@ -27,7 +26,6 @@ def export(case: Case, out: Path | None, *, overwrite: bool, resume: bool) -> No
         raise ConfigError("--overwrite and --resume exclude each other")
     walk = tables_case(case)
     directory = out or Path(f"{case.config.directory}-tables")
-    to_terminal(False, True)
     refuse_full_disk(walk.config, directory)
     tables = collect(solve(walk, directory, overwrite=overwrite, resume=resume))
     for path in tables.save(directory):

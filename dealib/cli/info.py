@@ -72,6 +72,10 @@ def describe(run: Run) -> str:
     if "error" in info:
         lines.append(str(info["error"]))
     lines += [f"warning: {text}" for text in info.get("warnings", ())]
+    try:
+        _ = run.mesh, run.stored_steps
+    except ConfigError as error:
+        lines.append(str(error))
     if run.status in ("killed", "interrupted", "failed"):
         lines.append(f"go on with: {resume_command(run)}")
     try:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from dealib.study.job import Job, Outcome
-from dealib.study.workers import Watcher
+from dealib.cases.job import Ended, Job
+from dealib.cases.workers import Watcher
 
 
 def watcher(workers: int, total: int) -> Watcher:
@@ -14,34 +14,28 @@ def watcher(workers: int, total: int) -> Watcher:
     console = Console()
     if console.is_terminal and workers:
         return _Bars(console, workers, total)
-    return _Lines(console, total)
+    return _Lines(total)
 
 
-def _words(outcome: Outcome) -> str:
-    error = f": {outcome.error}" if outcome.error else ""
-    return f"{outcome.job.label}: {outcome.status} in {outcome.seconds:.1f} s{error}"
+def _words(ended: Ended) -> str:
+    error = f": {ended.error}" if ended.error else ""
+    return f"{ended.job.label}: {ended.status} in {ended.seconds:.1f} s{error}"
 
 
-class _Lines:
+class _Lines(Watcher):
     """One line a case that ends."""
 
-    def __init__(self, console: Console, total: int) -> None:
+    def __init__(self, total: int) -> None:
         self._total, self._ended = total, 0
 
-    def begin(self, worker: int, job: Job) -> None:
-        """See `Watcher`."""
-
-    def step(self, worker: int, job: Job, step: int, total: int) -> None:
-        """See `Watcher`."""
-
-    def end(self, worker: int, outcome: Outcome) -> None:
+    def end(self, worker: int, ended: Ended) -> None:
         """See `Watcher`."""
         self._ended += 1
         of = f"/{self._total}" if self._total else ""
-        print(f"{self._ended}{of}  {_words(outcome)}", flush=True)
+        print(f"{self._ended}{of}  {_words(ended)}", flush=True)
 
 
-class _Bars:
+class _Bars(Watcher):
     """One bar a worker, and one for all."""
 
     def __init__(self, console: Console, workers: int, total: int) -> None:
@@ -54,8 +48,14 @@ class _Bars:
             transient=True,
         )
         self._workers = [self._bars.add_task(f"worker {i + 1}", total=1) for i in range(workers)]
-        self._all, self._left = self._bars.add_task("all cases", total=total), total
+        self._all = self._bars.add_task("all cases", total=total)
+
+    def __enter__(self) -> Watcher:
         self._bars.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._bars.stop()
 
     def begin(self, worker: int, job: Job) -> None:
         """See `Watcher`."""
@@ -65,12 +65,9 @@ class _Bars:
         """See `Watcher`."""
         self._bars.update(self._workers[worker], completed=step, total=max(step, total))
 
-    def end(self, worker: int, outcome: Outcome) -> None:
+    def end(self, worker: int, ended: Ended) -> None:
         """See `Watcher`."""
-        self._left -= 1
         self._bars.advance(self._all)
         self._bars.reset(self._workers[worker], description=f"worker {worker + 1}", total=1)
-        if outcome.status != "done":
-            self._bars.console.print(_words(outcome), highlight=False, markup=False)
-        if self._left == 0:
-            self._bars.stop()
+        if ended.status != "done":
+            self._bars.console.print(_words(ended), highlight=False, markup=False)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from dealib.files import write_text
 from dealib.results.reader import Run
-from dealib.results.store import write_text
 
 
 def report(directory: Path, out: Path | None, overwrite: bool) -> Path:

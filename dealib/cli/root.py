@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from dealib.log import to_terminal
 
 app = typer.Typer(
     name="dealib",
@@ -15,6 +18,28 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+
+@app.callback()
+def _before_each(
+    verbose: Annotated[
+        bool,
+        typer.Option(
+            "--verbose",
+            "-v",
+            envvar="DEALIB_VERBOSE",
+            help="tell more, also after the command: steps, increments, tracebacks",
+        ),
+    ] = False,
+) -> None:
+    to_terminal(verbose, rank() == 0)
+
+
+def rank() -> int:
+    """Rank under mpirun, without importing MPI."""
+    names = ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK")
+    return int(next((os.environ[name] for name in names if name in os.environ), 0))
+
 
 ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file", readable=False)]
 RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="run directory", readable=False)]
@@ -33,6 +58,7 @@ Step = Annotated[
 ]
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="YAML file, or a folder of them")]
 StudyOut = Annotated[Path | None, typer.Option(help="folder; default runs/studies/NAME")]
+FOLDER = Path("runs/studies/cases")
 CacheFolder = Annotated[Path, typer.Option(help="where solved cases are kept, by their physics")]
 Jobs = Annotated[
     int | None, typer.Option("-j", "--jobs", min=1, help="processes; default all cores")

@@ -15,8 +15,8 @@ from dealib.cli.progress import Progress
 from dealib.config.case import Case
 from dealib.config.size import refuse_full_disk, size
 from dealib.errors import ConfigError, Interrupted, NotConverged
+from dealib.log import verbose
 from dealib.program import Observer, Simulation, simulate
-from dealib.program.log import to_terminal
 from dealib.results.beside import Beside
 from dealib.results.reader import Run
 
@@ -28,14 +28,12 @@ def run_case(
     overwrite: bool,
     resume: bool,
     dry_run: bool,
-    verbose: bool,
     beside: Beside | None = None,
 ) -> None:
     """Run a case and print where its results are."""
     comm = MPI.COMM_WORLD
     if overwrite and resume:
         raise ConfigError("--overwrite and --resume exclude each other")
-    to_terminal(verbose, comm.rank == 0)
     directory = Path(out or case.config.directory)
     refuse_full_disk(case.config, directory)
     if dry_run:
@@ -47,9 +45,7 @@ def run_case(
                 f"{size(case.config, simulation.unknowns)}"
             )
         return
-    result = solve(
-        case, directory, overwrite=overwrite, resume=resume, quiet=verbose, beside=beside
-    )
+    result = solve(case, directory, overwrite=overwrite, resume=resume, beside=beside)
     if comm.rank == 0:
         typer.echo(summary(result))
 
@@ -60,18 +56,17 @@ def solve(
     *,
     overwrite: bool,
     resume: bool,
-    quiet: bool = False,
     beside: Beside | None = None,
 ) -> Run:
-    """Run a case into a directory, with its progress unless quiet.
+    """Run a case into a directory, with its progress.
 
     Raises:
         NotConverged: With where the converged steps are.
         Interrupted: With how to go on.
     """
     comm = MPI.COMM_WORLD
-    # verbose shows the whole log, which has the steps
-    observers: list[Observer] = [Progress()] if comm.rank == 0 and not quiet else []
+    # the whole log has the steps
+    observers: list[Observer] = [Progress()] if comm.rank == 0 and not verbose() else []
     try:
         return simulate(
             case,
@@ -87,7 +82,8 @@ def solve(
     except NotConverged as error:
         raise NotConverged(f"{error}\nThe converged steps are in {directory}") from None
     except Interrupted as error:
-        message = f"{error}; what converged is in {directory}"
+        message = f"{error} before the first step"
         if error.everywhere:
+            message = f"{error}; what converged is in {directory}"
             message += "\nGo on with: " + resume_command(Run(directory))
         raise Interrupted(message, error.signal, error.everywhere) from None

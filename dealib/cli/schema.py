@@ -8,7 +8,8 @@ import typer
 
 from dealib.config import reference
 from dealib.config.templates import TEMPLATES, template
-from dealib.errors import ConfigError, PlatformError, did_you_mean
+from dealib.errors import ConfigError, did_you_mean
+from dealib.files import write_text
 
 
 def _text(of: str, page: bool) -> str:
@@ -63,7 +64,4 @@ def _write(path: Path, text: str, overwrite: bool) -> None:
         raise ConfigError(f"{path} exists and is left as it is; choose another --out")
     if not path.parent.is_dir():
         raise ConfigError(f"{path}: there is no folder {path.parent}")
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise PlatformError(f"cannot write {path}: {error.strerror}") from None
+    write_text(path, text)

@@ -9,7 +9,17 @@ from typing import Annotated
 
 import typer
 
-from dealib.cli.root import CacheFolder, ConfigFile, Jobs, Retry, Set, StudyFile, StudyOut, app
+from dealib.cli.root import (
+    FOLDER,
+    CacheFolder,
+    ConfigFile,
+    Jobs,
+    Retry,
+    Set,
+    StudyFile,
+    StudyOut,
+    app,
+)
 
 
 @app.command()
@@ -23,11 +33,8 @@ def run(
         bool, typer.Option("--dry-run", help="mesh and compile, print what would be solved")
     ] = False,
     mpi: Annotated[int, typer.Option(min=1, help="number of MPI ranks")] = 1,
-    verbose: Annotated[
-        bool, typer.Option("--verbose", "-v", help="show increments and Newton's residuals")
-    ] = False,
 ) -> None:
-    """Run a config."""
+    """Run a config; with -v it shows increments and Newton's residuals."""
     from dealib.config import load
 
     case = load(config, set)
@@ -46,15 +53,7 @@ def run(
         gc.freeze()
         gc.set_threshold(20_000)  # a run makes hardly any
         gc.enable()
-        run_case(
-            case,
-            out,
-            overwrite=overwrite,
-            resume=resume,
-            dry_run=dry_run,
-            verbose=verbose,
-            beside=beside,
-        )
+        run_case(case, out, overwrite=overwrite, resume=resume, dry_run=dry_run, beside=beside)
 
 
 @app.command()
@@ -137,14 +136,15 @@ def export(
 def calibrate(
     fit: Annotated[Path, typer.Argument(metavar="FIT", help="YAML file", readable=False)],
     out: Annotated[Path | None, typer.Option(help="directory; default the fit's")] = None,
-    jobs: Annotated[int | None, typer.Option("-j", "--jobs", min=1, help="processes")] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="use the cases solved before")] = False,
+    jobs: Jobs = None,
+    cache: CacheFolder = FOLDER,
+    resume: Annotated[bool, typer.Option("--resume", help="go on with an earlier fit")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier fit")] = False,
 ) -> None:
-    """Fit parameters of a config to measured curves."""
+    """Fit parameters of a config to measured curves; cases solved before are not solved again."""
     from dealib.cli.calibrate import run_fit
 
-    run_fit(fit, out, jobs, resume=resume, overwrite=overwrite)
+    run_fit(fit, out, cache, jobs, resume=resume, overwrite=overwrite)
 
 
 @app.command()
@@ -152,7 +152,7 @@ def study(
     study: StudyFile,
     jobs: Jobs = None,
     out: StudyOut = None,
-    cache: CacheFolder = Path("runs/studies/cases"),
+    cache: CacheFolder = FOLDER,
     retry: Retry = False,
 ) -> None:
     """Solve what a study lacks, draw its figures, say which windows hold, write a gallery."""
@@ -166,7 +166,7 @@ def sweep(
     study: StudyFile,
     jobs: Jobs = None,
     out: StudyOut = None,
-    cache: CacheFolder = Path("runs/studies/cases"),
+    cache: CacheFolder = FOLDER,
     retry: Retry = False,
     mpi: Annotated[int, typer.Option(min=1, help="MPI ranks instead: one hands out")] = 1,
 ) -> None:

@@ -2,83 +2,82 @@
 
 from __future__ import annotations
 
-import contextlib
-import functools
 import os
-import signal
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+from dealib.cases.cache import DONE, Cache
+from dealib.cases.job import Ended
+from dealib.cases.workers import Pool, cores, in_ranks
 from dealib.cli.jobs import watcher
-from dealib.errors import DealibError, Interrupted, NotConverged
-from dealib.results.store import write_text
+from dealib.errors import ConfigError, DealibError, Interrupted, NotConverged
+from dealib.files import guarded, write_bytes, write_text
 from dealib.study import plan as planning
 from dealib.study import sweep
-from dealib.study.cache import DONE, Cache
-from dealib.study.job import Outcome
 from dealib.study.plan import Plan
-from dealib.study.sweep import CaseStatus, Solve
-from dealib.study.workers import in_processes, in_ranks
+from dealib.study.sweep import CaseStatus
+
+if TYPE_CHECKING:
+    from dealib.study.evaluate import Results
+    from dealib.study.gallery import Entry
 
 
 def run_study(path: Path, out: Path | None, cache: Path, jobs: int | None, retry: bool) -> None:
     """Solve, collect, draw and compare one study or a folder of them."""
-    plans = _read(path)
-    folder = out or Path("runs/studies") / _name(path, plans)
-    store = Cache(cache)
-    failures = _solve(plans, store, jobs, retry, None)
-    stands = [sweep.statuses(p, store, failures) for p in plans]
-    _report(plans, stands, store, folder, path)
-    _explain(stands)
+    plans, store = _read(path), Cache(cache)
+    folder = _folder(out, path, plans)
+    failed = _solve(plans, store, jobs, retry)
+    stands = [sweep.statuses(p, store, failed) for p in plans]
+    _explain(stands, _report(plans, stands, store, folder, path))
 
 
 def run_sweep(path: Path, out: Path | None, cache: Path, jobs: int | None, retry: bool) -> None:
     """Solve the cases of a study (or several), with a summary that grows as they end."""
-    plans = _read(path)
-    folder = out or Path("runs/studies") / _name(path, plans)
-    if int(os.environ.get("OMPI_COMM_WORLD_SIZE", os.environ.get("PMI_SIZE", "1"))) > 1:
-        _sweep_in_ranks(plans, folder, Cache(cache), retry)
+    plans, store = _read(path), Cache(cache)
+    folder = _folder(out, path, plans)
+    if int(os.environ.get("OMPI_COMM_WORLD_SIZE", os.environ.get("PMI_SIZE", "1"))) == 1:
+        _sweep(plans, folder, store, jobs, retry)
         return
-    _sweep(plans, folder, Cache(cache), retry, None, jobs)
-
-
-def _sweep(
-    plans: list[Plan], folder: Path, store: Cache, retry: bool, how: Solve | None, jobs: int | None
-) -> None:
-    from dealib.study.summary import Summary
-
-    summary = Summary(plans, store, folder / "summary.csv")
-    try:
-        failures = _solve(plans, store, jobs, retry, how, summary)
-    finally:
-        summary.write()
-    stands = [sweep.statuses(p, store, failures) for p in plans]
-    typer.echo(f"{summary.path}: {len(summary.rows)} cases")
-    _explain(stands)
-
-
-def _sweep_in_ranks(plans: list[Plan], folder: Path, store: Cache, retry: bool) -> None:
-    """The same in the ranks of mpirun: rank 0 hands out the jobs."""
     from mpi4py import MPI
     from mpi4py.futures import MPICommExecutor
 
     import dealib.fem.compat  # noqa: F401 - PETSc starts on all ranks together
 
     code = 0
-    with MPICommExecutor(MPI.COMM_WORLD, root=0) as executor:
+    with MPICommExecutor(MPI.COMM_WORLD, root=0) as executor:  # rank 0 hands out the jobs
         if executor is not None:
-            watch = watcher(0, 0)
             try:
-                how = functools.partial(in_ranks, watcher=watch, executor=executor)
-                _sweep(plans, folder, store, retry, how, None)
-            except DealibError as error:
+                _sweep(plans, folder, store, None, retry, executor)
+            except (DealibError, Interrupted) as error:
                 typer.echo(f"dealib: {error}", err=True)
                 code = error.exit_code
     raise typer.Exit(MPI.COMM_WORLD.bcast(code, root=0))
+
+
+def _sweep(
+    plans: list[Plan],
+    folder: Path,
+    store: Cache,
+    jobs: int | None,
+    retry: bool,
+    executor: Any = None,
+) -> None:
+    from dealib.study.evaluate import Results
+    from dealib.study.summary import Summary
+
+    summary = Summary(plans, store, folder / "summary.csv")
+    try:
+        failed = _solve(plans, store, jobs, retry, executor, summary)
+    finally:
+        summary.write()
+    stands = [sweep.statuses(p, store, failed) for p in plans]
+    typer.echo(f"{summary.path}: {len(summary.rows)} cases")
+    results = [Results(p, store, s) for p, s in zip(plans, stands, strict=True)]
+    _explain(stands, [fault for found in results for fault in found.faults])
 
 
 def _read(path: Path) -> list[Plan]:
@@ -89,8 +88,13 @@ def _read(path: Path) -> list[Plan]:
     return [planning.read(p) for p in found]
 
 
-def _name(path: Path, plans: list[Plan]) -> str:
-    return path.resolve().name if path.is_dir() else plans[0].study.name
+def _folder(out: Path | None, path: Path, plans: list[Plan]) -> Path:
+    """Where results go; it is made."""
+    name = path.resolve().name if path.is_dir() else plans[0].study.name
+    folder = out or Path("runs/studies") / name
+    with guarded(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
 
 
 def _solve(
@@ -98,70 +102,49 @@ def _solve(
     store: Cache,
     count: int | None,
     retry: bool,
-    how: Solve | None,
+    executor: Any = None,
     summary: Any = None,
-) -> dict[str, Outcome]:
-    """Solve what is missing; returns what failed, by key."""
+) -> dict[str, Ended]:
+    """Solve what is missing, in processes or an executor; returns what failed, by key."""
     jobs = sweep.missing(plans, store, retry)
     cases = sum(len(p.cases) for p in plans)
     typer.echo(f"{cases} cases in {len(plans)} studies; {len(jobs)} to solve")
-    failures: dict[str, Outcome] = {}
-    if not jobs:
-        return failures
-    workers = min(count or sweep.cores(), len(jobs))
-    if how is None:
-        watch = watcher(workers, len(jobs))
-        how = functools.partial(in_processes, count=workers, watcher=watch)
+    failed: dict[str, Ended] = {}
     done = 0
-    try:
-        with _stoppable():
-            for outcome in sweep.solve(jobs, how):
+    workers = 0 if executor is not None else min(count or cores(), len(jobs))
+    with watcher(workers, len(jobs)) as watch, Pool(workers, watch) as pool:
+        try:
+            ends = pool.solve(jobs) if executor is None else in_ranks(jobs, watch, executor)
+            for ended in ends:
                 done += 1
-                if outcome.status != DONE:
-                    failures[outcome.job.key] = outcome
+                if ended.status != DONE:
+                    failed[ended.job.key] = ended
                 if summary is not None:
-                    summary.update(outcome)
-    except _Stop as stop:
-        raise Interrupted(
-            f"interrupted after {done} of {len(jobs)} cases, which are kept; the same command goes "
-            "on with the others",
-            stop.signal,
-        ) from None
-    return failures
+                    summary.update(ended)
+        except Interrupted as stop:
+            raise Interrupted(
+                f"{stop} after {done} of {len(jobs)} cases, which are kept; the same command goes "
+                "on with the others",
+                stop.signal,
+            ) from None
+    return failed
 
 
-class _Stop(BaseException):
-    def __init__(self, number: int) -> None:
-        self.signal = number
-
-
-@contextlib.contextmanager
-def _stoppable() -> Iterator[None]:
-    """Turn Ctrl-C and SIGTERM into an orderly end."""
-
-    def stop(number: int, frame: object) -> None:
-        raise _Stop(number)
-
-    before = {s: signal.signal(s, stop) for s in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def _explain(stands: Sequence[Sequence[CaseStatus]]) -> None:
-    """Say which cases have failed.
+def _explain(stands: Sequence[Sequence[CaseStatus]], faults: list[str]) -> None:
+    """Say which cases have failed, and which numbers are none.
 
     Raises:
-        NotConverged: If any has.
+        NotConverged: If a case has failed.
+        ConfigError: If a number is none.
     """
     every = [s for stand in stands for s in stand]
     failed = [s for s in every if s.status != DONE]
     if failed:
         lines = [f"  {s.case.label}: {s.status}: {s.error}" for s in failed]
         head = f"{len(every) - len(failed)} of {len(every)} cases are solved; these are not:"
-        raise NotConverged("\n".join([head, *lines]))
+        raise NotConverged("\n".join([*faults, head, *lines]))
+    if faults:
+        raise ConfigError("\n".join(faults))
 
 
 def _report(
@@ -170,38 +153,50 @@ def _report(
     store: Cache,
     folder: Path,
     path: Path,
-) -> None:
-    """Figures, tables and gallery."""
+) -> list[str]:
+    """Figures, tables and gallery; returns the numbers that are none."""
     import pandas as pd
 
-    with warnings.catch_warnings():
-        # Debian's and pip's matplotlib side by side: 3-D axes, which nothing here uses, do not load
-        warnings.filterwarnings("ignore", message="Unable to import Axes3D")
-        from dealib.plots.panels import draw
     from dealib.study.evaluate import Results
     from dealib.study.gallery import Entry, page
 
-    folder.mkdir(parents=True, exist_ok=True)
-    entries, windows = [], []
+    entries: list[Entry] = []
     for plan, stand in zip(plans, stands, strict=True):
-        results, name = Results(plan, store, stand), plan.study.name
-        drawn = draw(results)
-        if drawn is not None:
-            write_text(folder / f"{name}.svg", drawn[0])
-            (folder / f"{name}.png").write_bytes(drawn[1])
-        write_text(folder / f"{name}.csv", results.table.to_csv(index=False))
-        verdicts = results.windows
-        entries.append(Entry(results, drawn[0] if drawn else "", verdicts))
-        typer.echo(f"{name}: {sum(v.holds for v in verdicts)} of {len(verdicts)} windows hold")
-        for v in verdicts:
-            mark = "holds" if v.holds else "does not hold"
-            if not v.holds:
-                typer.echo(f"    {v.window.name}: {v.value}, expected {v.range}")
-            row = {"study": name, "window": v.window.name, "low": v.window.low}
-            row |= {"high": v.window.high, "unit": v.window.unit, "smallest": v.smallest}
-            windows.append(row | {"largest": v.largest, "verdict": mark, "source": v.window.source})
+        try:
+            results = Results(plan, store, stand)
+            entries.append(Entry(results, _draw(results, folder), results.windows))
+        except Exception as error:
+            error.add_note(f"while {plan.path} was collected and drawn; its cases are kept")
+            raise
+        _tell(entries[-1])
+    windows = [row for entry in entries for row in entry.table]
     write_text(folder / "windows.csv", pd.DataFrame(windows).to_csv(index=False))
     title = plans[0].study.title if len(plans) == 1 else f"Studies of {path}"
     gallery = folder / "gallery.html"
     write_text(gallery, page(title, entries))
     typer.echo(str(gallery))
+    return [fault for entry in entries for fault in entry.results.faults]
+
+
+def _draw(results: Results, folder: Path) -> str:
+    """Write table and pictures of a study; returns the SVG's text."""
+    with warnings.catch_warnings():
+        # Debian's and pip's matplotlib side by side: 3-D axes, which nothing here uses, do not load
+        warnings.filterwarnings("ignore", message="Unable to import Axes3D")
+        from dealib.plots.panels import draw
+    name, drawn = results.study.name, draw(results)
+    write_text(folder / f"{name}.csv", results.table.to_csv(index=False))
+    if drawn is None:
+        return ""
+    write_text(folder / f"{name}.svg", drawn[0])
+    write_bytes(folder / f"{name}.png", drawn[1])
+    return drawn[0]
+
+
+def _tell(entry: Entry) -> None:
+    """Say which windows hold."""
+    name, verdicts = entry.results.study.name, entry.windows
+    typer.echo(f"{name}: {entry.held} of {len(verdicts)} windows hold")
+    for v in verdicts:
+        if not v.holds:
+            typer.echo(f"    {v.window.name}: {v.value}, expected {v.range}")

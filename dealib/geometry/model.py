@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import errno
-import os
+import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from dealib.config.schema import Config
-from dealib.errors import ConfigError, PlatformError
+from dealib.errors import ConfigError
+from dealib.files import whole
 from dealib.geometry import annular_strips, msh, own_mesh, sound
 from dealib.patience import patience
 
@@ -22,12 +24,7 @@ def gmsh_model(config: Config) -> Iterator[Any]:
     Raises:
         ConfigError: If a mesh file lacks names, or does not fit the geometry.
     """
-    import gmsh
-
-    # without the user's own options of Gmsh: they would change the mesh
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with session() as gmsh:
         gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
         if config.mesh.file is None:
             gmsh.model.add(config.name)
@@ -35,6 +32,23 @@ def gmsh_model(config: Config) -> Iterator[Any]:
                 annular_strips.build(gmsh, config.geometry, config.mesh)
         else:
             _read(gmsh, config)
+        yield gmsh
+
+
+@contextmanager
+def session() -> Iterator[Any]:
+    """A quiet session of Gmsh, which takes no signals away."""
+    import gmsh
+
+    # without the user's own options of Gmsh: they would change the mesh
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    if threading.current_thread() is threading.main_thread():
+        # Gmsh sets some back to their defaults, and PETSc lets a closed pipe end the process
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.getsignal(number))
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
         yield gmsh
     finally:
         gmsh.finalize()
@@ -46,16 +60,10 @@ def save(gmsh: Any, path: Path) -> None:
     Raises:
         PlatformError: If the disk refuses, of which Gmsh itself does not tell.
     """
-    temporary = path.with_name(path.stem + ".tmp.msh")
-    try:
+    with whole(path) as temporary:
         gmsh.write(str(temporary))
-        whole = temporary.read_bytes().rstrip().endswith(b"$EndElements")
-        if not whole:
+        if not temporary.read_bytes().rstrip().endswith(b"$EndElements"):
             raise OSError(errno.ENOSPC, "the disk is full, or a limit on file size is reached")
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise PlatformError(f"cannot write {path}: {error.strerror}") from None
 
 
 def write(config: Config, path: Path) -> dict[str, int]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -12,7 +11,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 
-from dealib.errors import ConfigError, PlatformError
+from dealib.errors import ConfigError
+from dealib.files import whole
 from dealib.plots.contours import frame, magnification, paint, scale, scale_note
 from dealib.plots.labels import label, plain
 from dealib.plots.quantities import Quantity
@@ -117,14 +117,8 @@ def write(images: Iterator[Image], path: Path, rate: int) -> None:
     Raises:
         PlatformError: If the disk refuses.
     """
-    temporary = path.with_name(f".{path.stem}.tmp{path.suffix}")
-    try:
+    with whole(path) as temporary:
         (_write_gif if path.suffix.lower() == ".gif" else _write_mp4)(images, temporary, rate)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise PlatformError(f"cannot write {path}: {error.strerror or error}") from None
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def _write_mp4(images: Iterator[Image], path: Path, rate: int) -> None:

@@ -13,6 +13,7 @@ from matplotlib.patches import Patch
 from dealib.errors import ConfigError
 from dealib.geometry import msh
 from dealib.plots.labels import plain
+from dealib.plots.style import save
 
 COLOURS = {
     "film": "#f2c14e",
@@ -25,7 +26,11 @@ COLOURS = {
 
 
 def draw_mesh(mesh: Path, picture: Path | IO[bytes]) -> None:
-    """Draw a mesh file with named regions."""
+    """Draw a mesh file with named regions.
+
+    Raises:
+        ConfigError: If it is damaged.
+    """
     polygons = msh.read(mesh).surfaces()
     if "film" not in polygons:
         raise ConfigError(f"{mesh}: no surface is named film")
@@ -45,5 +50,5 @@ def draw_mesh(mesh: Path, picture: Path | IO[bytes]) -> None:
     axes[2].set(xlim=(right - near, right + near / 3), ylim=(-near * 0.67, near * 0.67))
     patches = [Patch(fc=COLOURS.get(r, "#cccccc"), ec="#333333", label=plain(r)) for r in polygons]
     figure.legend(handles=patches, loc="outside lower center", ncols=len(patches), frameon=False)
-    figure.savefig(picture, dpi=150)
+    save(figure, picture)
     plt.close(figure)

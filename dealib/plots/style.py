@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,7 +12,8 @@ from typing import IO, Any
 import matplotlib.pyplot as plt
 from cycler import cycler
 
-from dealib.errors import ConfigError, PlatformError
+from dealib.errors import ConfigError
+from dealib.files import write_bytes
 
 FORMATS = (".png", ".svg", ".pdf")
 
@@ -108,12 +110,14 @@ def check_target(path: Path, formats: tuple[str, ...], overwrite: bool) -> None:
 
 
 def save(figure: Any, target: Path | IO[bytes], kind: str | None = None, dpi: int = 150) -> None:
-    """Save a figure; the suffix of a path chooses the format.
+    """Save a figure, to a path whole or not at all; its suffix chooses the format.
 
     Raises:
         PlatformError: If the disk refuses.
     """
-    try:
+    if isinstance(target, Path):  # in memory: backends do not survive a disk that is full
+        data = io.BytesIO()
+        save(figure, data, target.suffix[1:].lower(), dpi)
+        write_bytes(target, data.getbuffer())
+    else:
         figure.savefig(target, format=kind, dpi=dpi)
-    except OSError as error:
-        raise PlatformError(f"cannot write {target}: {error.strerror or error}") from None

@@ -17,6 +17,7 @@ from dealib.fem.system import PortLaw
 from dealib.program.bias import second_film
 from dealib.program.inputs import law, mount_drives
 from dealib.program.simulation import Simulation
+from dealib.program.turns import alone
 from dealib.results.bias import BiasChart, Equilibrium, crossings
 
 log = logging.getLogger(__name__)
@@ -31,6 +32,7 @@ class _Point:
     q: Any
 
 
+@alone()
 def chart(
     case: Case,
     voltage: float | None = None,

@@ -5,21 +5,22 @@ from __future__ import annotations
 import os
 import shutil
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from mpi4py import MPI
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
-
 from dealib.config.case import Case, resolved
+from dealib.config.schema import Config
 from dealib.errors import ConfigError, DealibError, PlatformError
+from dealib.files import TEMPORARY, write_text
 from dealib.geometry import model
-from dealib.program.log import LOGGER
+from dealib.log import LOGGER
 from dealib.results import store
-from dealib.results.checkpoint import Checkpoint, CheckpointFolder
-from dealib.results.files import write_text
+from dealib.results.checkpoint import FOLDER, VALUES, Checkpoint, CheckpointFolder, history_sum
+from dealib.results.history import HISTORY
+from dealib.results.info import INFO
 from dealib.results.lock import Lock
 from dealib.results.reader import Run
 
@@ -30,7 +31,7 @@ _FREE = ("name", "description", "output.", "solver.", "mesh.file", "tables.")
 _OURS = (
     *("run.json", "run.log", "config.yaml", "config.resolved.yaml", "mesh.msh", "history.csv"),
     *("results.h5", "states", "fields.xdmf", "fields", "checkpoint", "view_in_paraview.py"),
-    *("plots", "report.html", "*.tmp"),
+    *("plots", "report.html", f"*{TEMPORARY}", f"*{TEMPORARY}.*"),
 )
 _PATIENCE = 20.0  # s, for the writer of a run that was just killed; it needs less
 
@@ -92,7 +93,7 @@ def finished(path: Path, case: Case, comm: MPI.Comm) -> bool:
     found: bool | ConfigError = False
     if comm.rank == 0:
         try:
-            found = (path / store.INFO).is_file() and Run(path).status == "done"
+            found = (path / INFO).is_file() and Run(path).status == "done"
             if found:
                 _refuse_changes(path, case)
                 LOGGER.warning("%s: this run is finished; it is left as it is", path)
@@ -106,14 +107,16 @@ def finished(path: Path, case: Case, comm: MPI.Comm) -> bool:
 
 def _make(path: Path, overwrite: bool) -> Lock:
     """A directory for a new run; of an old one, what is not dealib's is kept."""
-    used = path.exists() and (not path.is_dir() or any(f.suffix != ".tmp" for f in path.iterdir()))
+    used = path.exists() and (
+        not path.is_dir() or any(TEMPORARY not in f.suffixes for f in path.iterdir())
+    )
     if used:
         if not overwrite:
             raise ConfigError(
                 f"{path} exists and is not empty; choose another --out, --overwrite it, or "
                 "--resume it if it is an unfinished run"
             )
-        if not (path / store.INFO).is_file():
+        if not (path / INFO).is_file():
             raise ConfigError(f"{path} is no run directory of dealib; it is not overwritten")
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -132,7 +135,7 @@ def _held(path: Path) -> Lock:
     """The lock of a run that may be resumed."""
     if not path.is_dir():
         raise ConfigError(f"{path}: nothing to resume, there is no such run; run it without it")
-    if not (path / store.INFO).is_file():
+    if not any((path / name).exists() for name in (INFO, FOLDER)):
         return _make(path, overwrite=False)  # killed before it began
     run = Run(path)
     running = run.status == "running"
@@ -153,36 +156,37 @@ def _status(path: Path) -> str:
     """Of the run in a directory; empty if there is none that can be read."""
     try:
         return Run(path).status
-    except (ConfigError, KeyError):
+    except ConfigError:
         return ""
 
 
 def _take_up(path: Path, case: Case, info: dict[str, Any]) -> Checkpoint | None:
-    if not (path / store.INFO).is_file():
-        return None
+    saved = CheckpointFolder(path).read()
+    if saved is None:
+        rows = 0
+        with suppress(ConfigError):
+            rows = len(Run(path).history)
+        if rows > 1:
+            raise _no_way(path, f"{path / FOLDER / VALUES}: missing")
+        return None  # killed before its first checkpoint
     run = Run(path)
     old = run.info
-    folder = CheckpointFolder(path)
-    saved = folder.read()
-    if saved is None:
-        return None  # killed before anything converged
     _refuse_changes(path, case)
-    lacking = [n for n in (store.HISTORY, store.STATES) if not (path / n).is_file()]
-    if lacking:
-        raise ConfigError(
-            f"{path}: cannot resume, {' and '.join(lacking)} is missing; start anew with "
-            "--overwrite"
-        )
-    rows = (path / store.HISTORY).read_text(encoding="utf-8").count("\n") - 2
-    if rows < saved.step:
-        raise ConfigError(
-            f"{path}: cannot resume, {store.HISTORY} ends before the checkpoint (step "
-            f"{saved.step}); start anew with --overwrite"
-        )
-    for name, found in store.histories(path, saved.step).items():
-        folder.check_history(saved, found, name)
+    try:
+        history = run.history
+        run.check_states()
+    except ConfigError as error:
+        raise _no_way(path, str(error)) from None
+    if len(history) <= saved.step:
+        raise _no_way(path, f"{HISTORY} ends before the checkpoint (step {saved.step})")
+    for name, found in ((HISTORY, history), (store.STATES, run.kept_history)):
+        known = [] if found is None else found[: saved.step + 1].to_dict("records")
+        if history_sum({str(k): v for k, v in row.items()} for row in known) != saved.history:
+            remove = "; it is restored if you remove it" if name == HISTORY else ""
+            raise _no_way(path, f"{name} is not what the run has written{remove}")
+    write_text(path / HISTORY, history.to_csv(index=False, na_rep="nan"))
     for name, version in info["versions"].items():
-        before = old.get("versions", {}).get(name)
+        before = old["versions"].get(name)
         if before != version:
             LOGGER.warning("resumed with %s %s, begun with %s", name, version, before)
     keys = ("started", "ended", "status", "steps", "argv", "ranks", "timings", "warnings")
@@ -193,15 +197,11 @@ def _take_up(path: Path, case: Case, info: dict[str, Any]) -> Checkpoint | None:
 
 def _refuse_changes(path: Path, case: Case) -> None:
     """Refuse to go on with a run of another config."""
-    file = path / "config.resolved.yaml"
     try:
-        changes = _changes(file, case)
-    except (OSError, YAMLError) as error:
-        reason = str(error).splitlines()[0]
-        raise ConfigError(
-            f"{path}: cannot resume, {file.name} cannot be read ({reason}); start anew with "
-            "--overwrite"
-        ) from None
+        before = Run(path).config
+    except ConfigError as error:
+        raise _no_way(path, str(error)) from None
+    changes = _changes(before, case.config)
     if changes:
         raise ConfigError(
             f"{path}: cannot resume, the config has changed since:\n  "
@@ -211,11 +211,13 @@ def _refuse_changes(path: Path, case: Case) -> None:
         )
 
 
-def _changes(path: Path, case: Case) -> list[str]:
-    """Keys of the config that differ from a resolved one, with both values."""
-    yaml = YAML(typ="safe", pure=True)
-    old = dict(_flat(yaml.load(path.read_text(encoding="utf-8"))))
-    new = dict(_flat(yaml.load(resolved(case.config))))
+def _no_way(path: Path, problem: str) -> ConfigError:
+    return ConfigError(f"{path}: cannot resume, {problem}; start anew with --overwrite")
+
+
+def _changes(before: Config, now: Config) -> list[str]:
+    """Keys of the config that differ from what they were, with both values."""
+    old, new = (dict(_flat(c.model_dump(exclude_none=True))) for c in (before, now))
     return [
         f"{key}: was {old.get(key, 'absent')}, is {new.get(key, 'absent')}"
         for key in dict.fromkeys([*old, *new])
@@ -227,7 +229,7 @@ def _flat(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     items = node.items() if isinstance(node, dict) else enumerate(node)
     for key, value in items:
         where = f"{path}{key}"
-        if isinstance(value, (dict, list)):
+        if isinstance(value, (dict, list, tuple)):
             yield from _flat(value, where + ".")
         else:
             yield where, value

@@ -27,8 +27,11 @@ class _TooCoarse(NotConverged):
     """
 
     def __init__(self, share: float) -> None:
-        super().__init__(f"error of the time integration {share:.3g} times its tolerance")
+        super().__init__(share)
         self.factor = min(1.0, max(0.2, 2 * _SAFETY / math.sqrt(share)))
+
+    def __str__(self) -> str:
+        return f"error of the time integration {self.args[0]:.3g} times its tolerance"
 
 
 @dataclass

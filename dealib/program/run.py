@@ -17,13 +17,14 @@ from mpi4py import MPI
 
 from dealib.config.case import Case, load
 from dealib.errors import Interrupted, NotConverged, PlatformError
+from dealib.log import to_file
 from dealib.program.directory import finished, prepare
-from dealib.program.log import to_file
 from dealib.program.margins import table
 from dealib.program.provenance import git_hash, identity, versions
 from dealib.program.recorder import Recorder
 from dealib.program.signals import Signals
 from dealib.program.simulation import Simulation, State
+from dealib.program.turns import alone
 from dealib.results import store
 from dealib.results.beside import Beside
 from dealib.results.reader import Run
@@ -79,6 +80,7 @@ def line(row: dict[str, Any]) -> str:
     )
 
 
+@alone()
 def simulate(
     case: Case | str | Path,
     directory: str | Path | None = None,
@@ -91,7 +93,7 @@ def simulate(
     argv: Sequence[str] | None = None,
     started: float | None = None,
 ) -> Run:
-    """Run a case into its directory.
+    """Run a case into its directory; of several threads, one after the other.
 
     Args:
         case: A loaded case, or a config's path.

@@ -32,7 +32,9 @@ class Signals:
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> Signals:
-        self._before = self._install()
+        if threading.current_thread() is threading.main_thread():
+            handlers = dict.fromkeys(_STOP, self._on_stop) | {signal.SIGUSR1: self._on_report}
+            self._before = {n: signal.signal(n, handler) for n, handler in handlers.items()}
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -42,16 +44,6 @@ class Signals:
     def defer(self) -> None:
         """From now on there are steps, which are finished first."""
         self._deferred = True
-        self._install()  # again: Gmsh has meanwhile set SIGTERM back to its default
-
-    def _install(self) -> dict[int, Any]:
-        """Take the signals; returns who had them."""
-        if threading.current_thread() is not threading.main_thread():
-            return {}
-        handlers: dict[int, Any] = {**dict.fromkeys(_STOP, self._on_stop)}
-        # PETSc and Gmsh let a closed pipe end the process; Python tells of it instead
-        handlers |= {signal.SIGUSR1: self._on_report, signal.SIGPIPE: signal.SIG_IGN}
-        return {number: signal.signal(number, handler) for number, handler in handlers.items()}
 
     def obey(self) -> bool:
         """Stop if a signal asks for it; call it after each step (collective).

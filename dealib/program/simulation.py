@@ -26,13 +26,14 @@ from dealib.program.inputs import mount_drives, terminal_drives
 from dealib.program.predictor import Predictor
 from dealib.program.progress import Progress
 from dealib.program.states import Book, State
+from dealib.program.turns import alone
 from dealib.results.checkpoint import Checkpoint
 
 __all__ = ["Simulation", "State"]
 
 
 class Simulation:
-    """Iterates over the converged states of a case.
+    """Iterates over the converged states of a case; threads take turns.
 
     Attributes:
         progress: How far the program has come.
@@ -48,6 +49,7 @@ class Simulation:
         NotConverged: While iterating, when a step fails at the smallest increment.
     """
 
+    @alone()
     def __init__(
         self,
         case: Case,
@@ -84,6 +86,11 @@ class Simulation:
 
     def __iter__(self) -> Iterator[State]:
         """Run the program, or what is left of it."""
+        states = self._states()
+        while (state := _next(states)) is not None:
+            yield state
+
+    def _states(self) -> Iterator[State]:
         first, *others = self._stages
         if self.progress.step < 0:
             yield from stages.prestrain(self, first)
@@ -109,7 +116,12 @@ class Simulation:
                 "start anew with --overwrite, or elsewhere with --out"
             )
         system, w = self.newton.system, self.problem.spaces.w
-        self.progress = Progress.of(saved.values["progress"])
+        try:
+            self.progress = Progress.of(saved.values["progress"])
+        except Exception as error:  # of a file whose content can be anything
+            raise ConfigError(
+                f"damaged checkpoint ({error!r}); start anew with --overwrite"
+            ) from None
         self.problem.set_prestretch(1.0)
         known = []
         for k in range(comm.bcast(len(saved.states), root=0)):
@@ -141,6 +153,11 @@ class Simulation:
             p.drives["terminal"] = terminal_drives(stage.terminal, *start, p.drives["terminal"])
         p.stage, p.stage_start, p.place, p.branch = index, p.time, Place(), None
         p.over = False
+
+
+@alone()
+def _next(states: Iterator[State]) -> State | None:
+    return next(states, None)
 
 
 def _steps_planned(program: tuple[Stage, ...]) -> int:

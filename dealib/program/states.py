@@ -18,6 +18,7 @@ from dealib.fem.snapshot import Snapshot
 from dealib.program.bias import ReachWatch
 from dealib.program.margins import keep
 from dealib.program.stability import StabilityWatch
+from dealib.program.turns import alone
 from dealib.program.work import Work
 
 if TYPE_CHECKING:
@@ -40,10 +41,12 @@ class State:
     end_of_stage: bool
     simulation: Simulation
 
+    @alone()
     def nodal(self) -> Any:
         """Nodal values of the whole mesh on rank 0 (see `Layout`), None elsewhere (collective)."""
         return self.simulation.layout.gather()
 
+    @alone()
     def internal(self) -> Any:
         """Internal state of Maxwell branches, likewise (see `Viscosity.gather`); None without."""
         viscosity = self.simulation.viscosity

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ from pydantic import BaseModel
 from dealib.config.follow import PORT_OF
 from dealib.config.program import Stage
 from dealib.config.schema import Config
+from dealib.errors import ConfigError
 from dealib.results.cycles import cycles
 from dealib.results.reader import Run
 from dealib.results.summary import actuations, critical_points, stored_note
@@ -241,10 +243,11 @@ def warnings(run: Run) -> list[str]:
             f"The energy balance closes to {share(run):.2g} % only: the trapezoidal rule between "
             "the steps is coarse; more steps make it smaller."
         )
-    if not run.stored_steps:
-        found.append("No fields are stored (output.fields: none), so there are no pictures.")
-    elif told := stored_note(run):
-        found.append(f"{told.capitalize()}, so there is no picture of the electric field.")
+    with suppress(ConfigError):  # damaged states: where their pictures are drawn, it is told
+        if not run.stored_steps:
+            found.append("No fields are stored (output.fields: none), so there are no pictures.")
+        elif told := stored_note(run):
+            found.append(f"{told.capitalize()}, so there is no picture of the electric field.")
     return found
 
 

@@ -7,9 +7,9 @@ import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
+from dealib.errors import ConfigError
 from dealib.plots import style
 from dealib.plots.contours import contours
 from dealib.plots.curves import curves, overview
@@ -54,8 +54,8 @@ def _uri(data: io.BytesIO, kind: str) -> str:
     return f"data:{_MIME[kind]};base64,{base64.b64encode(data.getvalue()).decode('ascii')}"
 
 
-def pictures(run: Run) -> dict[str, Picture]:
-    """All pictures that the run has data for."""
+def pictures(run: Run) -> tuple[dict[str, Picture], list[str]]:
+    """All pictures that the run has data for, and which of these are damaged."""
     energies = [f"{k}_mJ" for k in ("mount_work", "terminal_work", "elastic_energy")]
     energies += ["electric_energy_mJ", "dissipated_energy_mJ", "energy_residual_mJ"]
     energies = [name for name in energies if name in run.history]
@@ -66,28 +66,40 @@ def pictures(run: Run) -> dict[str, Picture]:
     }
     if len(run.history) > 1:
         found["iterations"] = both(lambda look: _iterations(run), "svg")
-    if run.stored_steps:
-        shape = Shape(run, typical_step(run))
-        charged = bool(under_voltage(run.history)[run.history["step"] == shape.step].all())
-        for name in ("E", "S_RR", "S_ZZ")[not charged :]:
-            what = quantity(name)
-            found[name] = both(partial(contours, shape, what), "png")
-        lines = [SURFACE_CHARGE, quantity("S_RR")][not charged :]
-        found["profiles"] = both(lambda look: draw_profiles(shape, lines), "svg")
-    mesh = run.directory / "mesh.msh"
-    if mesh.is_file():
-        found["mesh"] = _mesh(mesh)
-    return found
+    lost = []
+    for draw in (_fields, _mesh):
+        try:
+            found |= draw(run)
+        except ConfigError as error:
+            lost.append(f"{error}; its pictures are left out.")
+    return found, lost
 
 
-def _mesh(path: Path) -> Picture:
+def _fields(run: Run) -> dict[str, Picture]:
+    """Fields at the largest voltage."""
+    if not run.stored_steps:
+        return {}
+    shape = Shape(run, typical_step(run))
+    charged = bool(under_voltage(run.history)[run.history["step"] == shape.step].all())
+    found = {
+        name: both(partial(contours, shape, quantity(name)), "png")
+        for name in ("E", "S_RR", "S_ZZ")[not charged :]
+    }
+    lines = [SURFACE_CHARGE, quantity("S_RR")][not charged :]
+    return found | {"profiles": both(lambda look: draw_profiles(shape, lines), "svg")}
+
+
+def _mesh(run: Run) -> dict[str, Picture]:
+    path = run.directory / "mesh.msh"
+    if not path.is_file():
+        return {}
     uris = []
     for dark in (False, True):
         with theme(dark):
             data = io.BytesIO()
             draw_mesh(path, data)
             uris.append(_uri(data, "png"))
-    return Picture(*uris)
+    return {"mesh": Picture(*uris)}
 
 
 def _iterations(run: Run) -> Any:

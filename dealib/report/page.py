@@ -32,6 +32,7 @@ def render(run: Run) -> str:
         lstrip_blocks=True,
     )
     config, info = run.config, run.info
+    pictures, lost = figures.pictures(run)
     page: dict[str, Any] = {
         "css": css(),
         "run": info,
@@ -44,12 +45,12 @@ def render(run: Run) -> str:
         "energy": facts.energy(run),
         "cycles": facts.cycle_table(run),
         "solution": facts.solution(run),
-        "warnings": facts.warnings(run),
-        "pictures": figures.pictures(run),
+        "warnings": [*facts.warnings(run), *lost],
+        "pictures": pictures,
         "captions": _CAPTIONS,
         "text": facts.text,
-        "given": (run.directory / "config.yaml").read_text(encoding="utf-8"),
-        "resolved": (run.directory / "config.resolved.yaml").read_text(encoding="utf-8"),
+        "given": run.text("config.yaml"),
+        "resolved": run.text("config.resolved.yaml"),
         "version": version("dealib"),
     }
     return environment.get_template("page.html.j2").render(page)

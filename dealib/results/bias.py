@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from dealib.files import write_text
 from dealib.results.elements import Array
-from dealib.results.files import write_text
 
 
 @dataclass(frozen=True)

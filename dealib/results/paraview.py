@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from dealib.files import write_text
 from dealib.geometry import names
+from dealib.results.history import HISTORY
 from dealib.results.mesh import ResultMesh
-from dealib.results.store import FIELDS, HISTORY, write_text
+from dealib.results.store import FIELDS
 
 SCRIPT = "view_in_paraview.py"  # paraview.py would hide the package of that name
 

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-import io
-import json
 import os
 import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import h5py
 import numpy as np
 
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, DealibError, first_line
+from dealib.log import LOGGER
 from dealib.results import store
 from dealib.results.elements import Array
+from dealib.results.history import HISTORY, STAGE, from_columns, parse
+from dealib.results.info import INFO, read_info
 
 if TYPE_CHECKING:
     import pandas
@@ -23,9 +27,11 @@ if TYPE_CHECKING:
     from dealib.config.schema import Config
     from dealib.results.mesh import ResultMesh
 
+CONFIG = "config.resolved.yaml"
+
 
 class Run:
-    """A finished, failed or running run.
+    """A finished, failed or running run; what is damaged in it is told, and the rest is read.
 
     Args:
         directory: The run directory.
@@ -36,24 +42,28 @@ class Run:
 
     def __init__(self, directory: str | Path) -> None:
         self.directory = Path(directory)
-        if not (self.directory / store.INFO).is_file():
-            raise ConfigError(f"{self.directory}: no run here (there is no {store.INFO})")
+        self._told: set[str] = set()
+        if any((self.directory / name).is_file() for name in (HISTORY, store.STATES)):
+            return
+        if not (self.directory / INFO).is_file():
+            raise ConfigError(f"{self.directory}: no run here (there is no {INFO})")
+        if problem := read_info(self.directory)[1]:
+            raise ConfigError(f"{self.directory / INFO}: {problem}; there are no results either")
 
     def __repr__(self) -> str:
         return f"<Run {self.directory}: {self.status}>"
 
     @property
     def info(self) -> dict[str, Any]:
-        """What `run.json` says: status, versions, timings."""
-        path = self.directory / store.INFO
-        try:
-            return dict(json.loads(path.read_text(encoding="utf-8")))
-        except (ValueError, OSError):
-            raise ConfigError(f"{path}: not readable as JSON; this is no intact run") from None
+        """What `run.json` says: status, versions, timings; without what is damaged."""
+        found, problem = read_info(self.directory)
+        if problem:
+            self._tell(f"{self.directory / INFO}: {problem}; what it said is not known")
+        return found
 
     @property
     def status(self) -> str:
-        """'done', 'not converged', 'interrupted', 'failed', 'running' or 'killed'.
+        """'done', 'not converged', 'interrupted', 'failed', 'running', 'killed' or 'unknown'.
 
         A run that says it is running, but whose process is gone from this machine, was killed.
         """
@@ -64,39 +74,164 @@ class Run:
 
     @cached_property
     def history(self) -> pandas.DataFrame:
-        """The history, one row a converged step."""
-        import pandas as pd
+        """The history, one row a converged step; that in `results.h5` if the CSV is damaged.
 
-        path = self.directory / store.HISTORY
-        if not path.is_file():
+        Raises:
+            ConfigError: If no step has converged, or both are damaged.
+        """
+        try:
+            found = self._csv()
+        except ConfigError as error:
+            if self.kept_history is None:
+                raise self._without(HISTORY, error) from None
+            self._tell(f"{error}; the history is that in {store.STATES}")
+            found = self.kept_history
+        if found is None:
             raise ConfigError(f"{self.directory}: no step has converged yet")
-        text = path.read_text(encoding="utf-8")
-        whole = text[: text.rfind("\n") + 1]  # lines
-        return pd.read_csv(io.StringIO(whole), converters={"stage": str})  # even if it is "NA"
+        return found
+
+    def _csv(self) -> pandas.DataFrame | None:
+        """What `history.csv` holds; None if no step has converged."""
+        path, kept = self.directory / HISTORY, self.kept_history  # which a run writes after it
+        try:
+            found = parse(path) if path.is_file() else None
+        except (OSError, ValueError) as error:
+            raise ConfigError(f"{path}: damaged ({first_line(error)})") from None
+        if kept is not None and len(kept) > (0 if found is None else len(found)):
+            what = "missing" if found is None else "damaged (its last rows are missing)"
+            raise ConfigError(f"{path}: {what}")
+        return found
+
+    @cached_property
+    def kept_history(self) -> pandas.DataFrame | None:
+        """The history in `results.h5`; None if there is none that can be read."""
+        try:
+            with self._file() as file:
+                columns = {name: column[:] for name, column in file["history"].items()}
+                columns[STAGE] = [name.decode() for name in columns[STAGE]]
+                return from_columns(columns)
+        except ConfigError:
+            return None  # who asks for it is told
 
     @cached_property
     def config(self) -> Config:
-        """The config as it was run."""
-        from dealib.config import read
+        """The config as it was run; that in `results.h5` if its file is damaged.
 
-        return read(self.directory / "config.resolved.yaml")
+        Raises:
+            ConfigError: If both are damaged.
+        """
+        from dealib.config import Config, read
+        from dealib.config.text import load
+
+        try:
+            return read(self.directory / CONFIG)
+        except ConfigError as error:
+            kept = self._kept_text(CONFIG)
+            if not kept:
+                raise self._without(CONFIG, error) from None
+            self._tell(f"{first_line(error)}; the config is that in {store.STATES}")
+            return Config.model_validate(load(kept))
+
+    def text(self, name: str) -> str:
+        """Text of `config.yaml` or `config.resolved.yaml`; empty if it is not to be had."""
+        try:
+            return (self.directory / name).read_text(encoding="utf-8")
+        except (OSError, ValueError):
+            return self._kept_text(name)
+
+    def _kept_text(self, name: str) -> str:
+        """A text of `results.h5`, by the name of its file; empty if it is not there."""
+        try:
+            with self._file() as file:
+                return str(file[name.removesuffix(".yaml").replace(".", "_")][()].decode())
+        except ConfigError:
+            return ""
 
     @cached_property
     def mesh(self) -> ResultMesh:
-        """Mesh of the stored states."""
+        """Mesh of the stored states.
+
+        Raises:
+            ConfigError: If it is damaged, as for all that `results.h5` holds.
+        """
         with self._file() as file:
             return store.read_mesh(file)
 
     @property
     def stored_steps(self) -> list[int]:
-        """Steps whose state is stored."""
+        """Steps whose state is stored; what is damaged is left out."""
+        found, problem = self._stored_and_lost()
+        if problem:
+            self._tell(problem)
+        return found
+
+    def _stored_and_lost(self, whole: bool = False) -> tuple[list[int], str]:
+        """Steps whose state is there (and whole, if asked), and what is wrong with the others."""
         with self._file() as file:
-            return sorted(int(name) for name in file["states"])
+            there = {int(n): _is_there(file, f"states/{n}", whole) for n in file["states"]}
+        lost = ", ".join(str(step) for step, found in there.items() if not found)
+        path = self.directory / store.STATES
+        problem = f"{path}: damaged (the states of these steps are lost: {lost})" if lost else ""
+        return sorted(step for step, found in there.items() if found), problem
 
-    def _file(self) -> Any:
-        import h5py
+    @contextmanager
+    def _file(self) -> Iterator[Any]:
+        """The open `results.h5`.
 
-        return h5py.File(self.directory / store.STATES, "r")
+        Raises:
+            ConfigError: If it is damaged, wherever that shows.
+        """
+        path = self.directory / store.STATES
+        try:
+            with h5py.File(path, "r") as file:
+                yield file
+        except DealibError:
+            raise
+        except Exception as error:  # h5py raises HDF5's errors as they come
+            what = f"damaged ({first_line(error)})" if path.is_file() else "missing"
+            raise self._without(store.STATES, ConfigError(f"{path}: {what}")) from None
+
+    def check(self) -> None:
+        """See that history and states are whole.
+
+        Raises:
+            ConfigError: With the first file that is not.
+        """
+        if self._csv() is not None:
+            self.check_states()
+
+    def check_states(self) -> None:
+        """See that mesh and states are whole; all of them are read.
+
+        Raises:
+            ConfigError: If not.
+        """
+        _ = self.mesh
+        if problem := self._stored_and_lost(whole=True)[1]:
+            raise ConfigError(problem)
+
+    def _without(self, name: str, error: ConfigError) -> ConfigError:
+        """An error about a file that says which others can be read."""
+        from dealib.config import read
+
+        def is_intact(other: str) -> bool:
+            path = self.directory / other
+            try:
+                if other == INFO:
+                    return not read_info(self.directory)[1]
+                {HISTORY: parse, CONFIG: read, store.STATES: h5py.File}[other](path)
+            except (ConfigError, OSError, ValueError):
+                return False
+            return True
+
+        others = [n for n in (INFO, HISTORY, CONFIG, store.STATES) if n != name and is_intact(n)]
+        return ConfigError(f"{error}; still readable: {', '.join(others) or 'nothing'}")
+
+    def _tell(self, problem: str) -> None:
+        """Warn of something once."""
+        if problem not in self._told:
+            self._told.add(problem)
+            LOGGER.warning("%s", problem)
 
     def state(self, index: int = -1) -> Array:
         """Nodal values of the index-th stored step, (nodes, 3 or 4), see `store.COMPONENTS`."""
@@ -147,10 +282,18 @@ class Run:
         return grid
 
 
+def _is_there(file: Any, name: str, whole: bool) -> bool:
+    """Whether an array in a file, or in one that it links to, can be opened, or read as a whole."""
+    try:
+        return (file[name][()] if whole else file[name]) is not None
+    except (KeyError, OSError):
+        return False
+
+
 def _alive(pid: int) -> bool:
     try:
         os.kill(pid, 0)
-    except ProcessLookupError:
+    except (ProcessLookupError, OverflowError):
         return False
     except PermissionError:  # another user's
         return True

@@ -17,12 +17,15 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
-from dealib.errors import ConfigError
+from dealib.files import guarded, whole, write_text
+from dealib.log import LOGGER
 from dealib.results.elements import Array, Cell
-from dealib.results.files import guarded, memory_hdf5, new_hdf5, write_hdf5, write_text
+from dealib.results.hdf5 import memory_hdf5, new_hdf5, write_hdf5
+from dealib.results.history import HISTORY
+from dealib.results.info import INFO
 from dealib.results.mesh import ResultMesh
 
-HISTORY, STATES, FIELDS, INFO = "history.csv", "results.h5", "fields.xdmf", "run.json"
+STATES, FIELDS = "results.h5", "fields.xdmf"
 FIELD_DATA = "fields"  # folder of the HDF5 files beside fields.xdmf
 COMPONENTS = ["u_R_mm", "u_Z_mm", "phi_kV", "p_MPa"]  # the last one in the mixed form only
 STATE_DATA = "states"  # the same beside results.h5, while the run goes on
@@ -76,6 +79,11 @@ def _text(value: Any) -> Any:
     return repr(float(value)) if isinstance(value, float) else value
 
 
+def _keep(file: Any, name: str, values: npt.NDArray[Any]) -> None:
+    """Store an array with checksums, so that damage does not pass for numbers."""
+    file.create_dataset(name, data=values, fletcher32=True)
+
+
 _CHUNK = 64  # rows of the history that are allocated at a time
 
 
@@ -99,8 +107,9 @@ class StateFile:
         with guarded(self.folder):
             self.folder.mkdir(exist_ok=True)
         with new_hdf5(self.folder / "mesh.h5") as file:
-            file["points_mm"], file["cells"] = mesh.points, mesh.cells
-            file["region"] = mesh.region
+            _keep(file, "points_mm", mesh.points)
+            _keep(file, "cells", mesh.cells)
+            _keep(file, "region", mesh.region)
             file.attrs["cell"], file.attrs["order"] = mesh.cell.name, mesh.cell.order
             file.attrs["region_names"] = list(mesh.names)
         self._file = memory_hdf5()
@@ -129,25 +138,23 @@ class StateFile:
         if state is not None:
             name = f"{row['step']:05d}"
             with new_hdf5(self.folder / f"{name}.h5") as file:
-                file["state"] = state
+                _keep(file, "state", state)
                 file["state"].attrs["time_s"] = row["time_s"]
                 file["state"].attrs["components"] = COMPONENTS[: state.shape[1]]
                 if internal is not None:
-                    file["internal"] = internal
+                    _keep(file, "internal", internal)
             self._link_state(name, internal is not None)
         self._write()
 
     def close(self) -> None:
         """Gather the states into `results.h5`."""
-        temporary = self.path.with_name(self.path.name + ".tmp")
-        with guarded(self.path):
+        with whole(self.path) as temporary:
             try:
                 with h5py.File(temporary, "w") as file:
                     self._gather(file)
-                os.replace(temporary, self.path)
-            except (OSError, RuntimeError, ValueError) as error:  # HDF5 on a full disk
-                temporary.unlink(missing_ok=True)
+            except (RuntimeError, ValueError) as error:  # HDF5 on a full disk
                 raise OSError(str(error)) from None
+        with guarded(self.folder):
             shutil.rmtree(self.folder)
 
     def _reopen(self, keep: int) -> None:
@@ -172,7 +179,7 @@ class StateFile:
         """Append values to a column of the history."""
         if name not in self._columns:
             kind = h5py.string_dtype() if isinstance(values[0], (str, bytes)) else None
-            shape = {"maxshape": (None,), "chunks": (_CHUNK,)}
+            shape = {"maxshape": (None,), "chunks": (_CHUNK,), "fletcher32": kind is None}
             found = self._history.create_dataset(name, data=values, dtype=kind, **shape)
             self._columns[name] = found
             return
@@ -245,11 +252,13 @@ class FieldFile:
 
     def _reopen(self, keep: int) -> list[str]:
         """The grids of the steps up to one."""
-        if keep < 0 or not self.path.is_file():
+        if keep < 0:
             return []
-        text = self.path.read_text(encoding="utf-8")
-        grids = re.findall(r'<Grid Name="step">.*?</Grid>\n', text, re.DOTALL)
-        return [g for g in grids if int(re.findall(r"/step_(\d+)\.h5", g)[0]) <= keep]
+        text = self.path.read_text("utf-8", "replace") if self.path.is_file() else ""
+        if not text.endswith(self._TAIL):
+            LOGGER.warning("%s: missing or damaged; not all earlier steps are in it", self.path)
+        grids = re.finditer(r'<Grid Name="step">.*?/step_(\d+)\.h5.*?</Grid>\n', text, re.DOTALL)
+        return [g[0] for g in grids if int(g[1]) <= keep]
 
     def _write(self, name: str, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
         with new_hdf5(self.data / name) as file:
@@ -288,25 +297,6 @@ def _item(file: str, key: str, shape: tuple[int, ...], kind: str, size: int) -> 
         f'<DataItem Dimensions="{dims}" NumberType="{kind}" Precision="{size}" Format="HDF">'
         f"{FIELD_DATA}/{file}:/{key}</DataItem>"
     )
-
-
-def histories(directory: Path, step: int) -> dict[str, list[dict[str, Any]]]:
-    """The rows up to a step that both files of a run hold, by the file's name.
-
-    Raises:
-        ConfigError: If one cannot be read.
-    """
-    try:
-        with (directory / HISTORY).open(encoding="utf-8", newline="") as file:
-            rows: list[dict[str, Any]] = list(csv.DictReader(file))
-        with h5py.File(directory / STATES, "r") as stored:
-            columns = {name: values[:] for name, values in stored["history"].items()}
-    except (OSError, ValueError, KeyError, csv.Error) as error:
-        raise ConfigError(f"{directory}: cannot resume, damaged results ({error})") from None
-    same = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-    for row in same:
-        row |= {name: value.decode() for name, value in row.items() if isinstance(value, bytes)}
-    return {HISTORY: rows[: step + 1], STATES: same[: step + 1]}
 
 
 def write_info(directory: Path, info: Mapping[str, Any]) -> None:

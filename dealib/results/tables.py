@@ -16,7 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from dealib.errors import ConfigError
-from dealib.results.files import guarded, new_hdf5, write_text
+from dealib.files import whole, write_text
+from dealib.results.hdf5 import new_hdf5
 
 if TYPE_CHECKING:
     from dealib.results.reader import Run
@@ -117,8 +118,8 @@ class Tables:
         with new_hdf5(paths[1]) as file:
             for name, values in self.plain().items():
                 file[name] = values
-        with guarded(paths[2]):
-            savemat(str(paths[2]), self.plain(), oned_as="row")
+        with whole(paths[2]) as temporary:
+            savemat(str(temporary), self.plain(), oned_as="row")
         return paths
 
 

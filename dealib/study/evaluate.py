@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dealib.cases.cache import DONE, FAILED, Cache
 from dealib.config.schema import Config
 from dealib.errors import ConfigError, did_you_mean
 from dealib.results.elements import Array
-from dealib.results.reader import Run
-from dealib.study.cache import DONE, FAILED, Cache
-from dealib.study.expressions import OF_ALL_CASES, Expression
+from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression
 from dealib.study.outcome import Outcome
 from dealib.study.plan import Plan, fill, selected
 from dealib.study.schema import INSERT, Axis, Curves, Points, Where, Window
@@ -109,25 +108,39 @@ class Results:
         self.plan, self.study, self.statuses = plan, plan.study, tuple(statuses)
         self.cache = cache
         self.outcomes: dict[str, Outcome] = {}
+        self._faults: dict[tuple[str | int, ...], list[str]] = {}
         for s in statuses:
             if not isinstance(s.case.work, Config):
                 self.outcomes[s.case.label] = Outcome(s.case, None)
-            elif s.status in (DONE, FAILED) and (cache.directory(s.case.key)).is_dir():
-                self.outcomes[s.case.label] = Outcome(s.case, Run(cache.directory(s.case.key)))
+            elif s.status in (DONE, FAILED):
+                self.outcomes[s.case.label] = Outcome(s.case, cache.run(s.case.key))
         self.values = {name: self._quantity(name) for name in self.study.quantities}
 
     def _quantity(self, name: str) -> Array:
-        """One number a case; NaN where the case has not come to its end."""
+        """One number a case; NaN where the case has not come to its end, or there is no number."""
         values = np.full(len(self.statuses), np.nan)
+        known = Expression(self.study.quantities[name], OF_A_CASE)
         for i, s in enumerate(self.statuses):
             if s.status != DONE:
                 continue
             try:
-                outcome = self.outcomes[s.case.label]
-                values[i] = _one(outcome.evaluate(self.study.quantities[name]))
+                found = _one(self.outcomes[s.case.label].evaluate(known))
+                values[i] = found if np.isnan(found) and known.may_lack else known.finite(found)
             except (ValueError, ConfigError) as error:
-                raise self.plan.fault(("quantities", name), str(error)) from None
+                self._fault(("quantities", name), s.case.label, error)
         return values
+
+    def _fault(self, where: tuple[str | int, ...], label: str, error: Exception) -> None:
+        self._faults.setdefault(where, []).append(f"case {label!r}: {error}")
+
+    @property
+    def faults(self) -> list[str]:
+        """Where an expression gives no number, and why."""
+        found = []
+        for where, (first, *others) in self._faults.items():
+            more = f" (and {len(others)} more cases)" if others else ""
+            found.append(str(self.plan.fault(where, first + more)))
+        return found
 
     # --- the table -------------------------------------------------------------------------------
 
@@ -141,7 +154,7 @@ class Results:
             is_run = isinstance(s.case.work, Config)
             row: dict[str, Any] = {"study": self.study.name, "case": s.case.label, **s.case.axes}
             row |= {"status": s.status, **{n: v[i] for n, v in self.values.items()}}
-            row |= {"run": self.cache.directory(s.case.key) if is_run else "", "error": s.error}
+            row |= {"run": self.cache.folder / s.case.key if is_run else "", "error": s.error}
             rows.append(row)
         return pd.DataFrame(rows)
 
@@ -166,7 +179,10 @@ class Results:
         def settings(path: str) -> Array:
             return np.array([setting(self.statuses[i].case.work, path) for i in rows])
 
-        return Expression(text, OF_ALL_CASES)(chosen, {"of": of, "setting": settings})
+        found = Expression(text, OF_ALL_CASES)(chosen, {"of": of, "setting": settings})
+        if np.isinf(found).any():
+            raise ValueError(f"{text!r} is infinite")
+        return found
 
     @property
     def windows(self) -> list[Verdict]:
@@ -199,20 +215,27 @@ class Results:
             if isinstance(panel, Points):
                 return self._points(panel, rows)
             assert isinstance(panel, Curves)
-            return [c for row in rows if (c := self._curve(panel, row)) is not None]
+            return [c for row in rows if (c := self._curve(index, panel, row)) is not None]
         except ValueError as error:
             raise self.plan.fault(("panels", index), str(error)) from None
 
-    def _curve(self, panel: Curves, row: int) -> Curve | None:
+    def _curve(self, index: int, panel: Curves, row: int) -> Curve | None:
         status = self.statuses[row]
         outcome = self.outcomes.get(status.case.label)
         if outcome is None:
             return None
         try:
-            x, y = (np.atleast_1d(outcome.evaluate(a.value)) for a in (panel.x, panel.y))
+            x, y = (
+                np.atleast_1d(outcome.evaluate(Expression(a.value, OF_A_CASE)))
+                for a in (panel.x, panel.y)
+            )
         except (ValueError, ConfigError):
             if status.status == DONE:
                 raise
+            return None
+        if status.status == DONE and not (np.isfinite(x).any() and np.isfinite(y).any()):
+            error = ValueError(f"no value of {panel.x.value!r} or of {panel.y.value!r} is finite")
+            self._fault(("panels", index), status.case.label, error)
             return None
         label = fill(panel.label, status.case.axes) if panel.label else status.case.label
         return Curve(label, x, y)

@@ -16,14 +16,23 @@ import numpy as np
 
 from dealib.errors import did_you_mean
 
+_LONGEST = 500  # characters; keeps the parser's recursion shallow
+_EXPONENT = 64  # largest one: what is meant is small, and 9 ** 9 ** 9 is a slip
+
+
+def _power(base: Any, exponent: Any) -> Any:
+    if np.abs(exponent).max(initial=0.0) > _EXPONENT:
+        raise ArithmeticError(f"an exponent is beyond {_EXPONENT}")
+    return base**exponent
+
+
 _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
     ast.Mult: operator.mul,
     ast.Div: operator.truediv,
-    ast.Pow: operator.pow,
+    ast.Pow: _power,
 }
-_LONGEST = 500  # characters; keeps the parser's recursion shallow
 
 Function = Callable[..., Any]
 
@@ -160,6 +169,27 @@ class Expression:
             return self._value(node, {}, {})
         except (ValueError, TypeError, ArithmeticError, KeyError, IndexError):
             return None
+
+    @property
+    def may_lack(self) -> bool:
+        """Whether there may be no value, since `at` knows of none that is reached."""
+        return any(name == "at" for name, _ in self.calls)
+
+    def finite(self, value: float) -> float:
+        """A value of this expression that must be a finite number.
+
+        Raises:
+            ValueError: If it is none.
+        """
+        if not np.isfinite(value):
+            kind = "infinite" if np.isinf(value) else "undefined"
+            raise ValueError(f"{self.text!r} is {kind}")
+        return value
+
+    def constant(self) -> float | None:
+        """Its value if that can be known before a case is solved."""
+        known = not self.names and not self.calls
+        return float(self({}, {})) if known else None
 
     @property
     def functions(self) -> list[str]:

@@ -52,6 +52,24 @@ class Entry:
         return sum(v.holds for v in self.windows)
 
     @property
+    def table(self) -> list[dict[str, Any]]:
+        """The windows, one row each."""
+        return [
+            {
+                "study": self.results.study.name,
+                "window": v.window.name,
+                "low": v.window.low,
+                "high": v.window.high,
+                "unit": v.window.unit,
+                "smallest": v.smallest,
+                "largest": v.largest,
+                "verdict": "holds" if v.holds else "does not hold",
+                "source": v.window.source,
+            }
+            for v in self.windows
+        ]
+
+    @property
     def rows(self) -> list[dict[str, Any]]:
         """The table: labels and quantities of the cases."""
         out = []

@@ -15,7 +15,7 @@ from dealib.results.elements import Array
 from dealib.results.mesh import Ints
 from dealib.results.reader import Run
 from dealib.study import sample
-from dealib.study.expressions import OF_A_CASE, Expression, Function
+from dealib.study.expressions import Expression, Function
 from dealib.study.plan import Planned
 from dealib.study.schema import MaterialTest
 from dealib.study.scope import setting
@@ -51,13 +51,13 @@ class Outcome:
         columns = {"stretch": stretch, "strain": stretch - 1, "stress_MPa": stress}
         return pd.DataFrame({"stage": test.mode, **columns})
 
-    def evaluate(self, text: str) -> Any:
+    def evaluate(self, expression: Expression) -> Any:
         """Value of an expression in the scope of this case.
 
         Raises:
             ValueError: If a name, a stage or a field does not exist here.
         """
-        return Expression(text, OF_A_CASE)(self._names, self._functions)
+        return expression(self._names, self._functions)
 
     @cached_property
     def _names(self) -> Mapping[str, Array]:

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import copy
-import functools
-import hashlib
 import itertools
-import json
 import math
 import re
 from collections import Counter
@@ -17,8 +14,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-import dealib
 from dealib.calibration.schema import Fit
+from dealib.cases.cache import key
 from dealib.config import load
 from dealib.config.messages import problem, validate
 from dealib.config.names import fault
@@ -31,8 +28,6 @@ from dealib.study import scope
 from dealib.study.schema import MaterialTest, Study, Where
 
 _CASES = 10_000  # most of a study, of which a hundred are read in some seconds
-# what results depend on, besides the config
-_PHYSICS = ("config", "fem", "geometry", "materials", "program", "units.py")
 
 
 @dataclass(frozen=True)
@@ -45,8 +40,7 @@ class Planned:
         work: What is computed: a config, or a test of a material.
         base: The config's file.
         overrides: 'key=value' changes of it.
-        key: Hash of all that its results depend on.
-        kind: Hash of what the compiled forms depend on.
+        key: Of all that its results depend on; none for a test of a material.
     """
 
     label: str
@@ -55,7 +49,6 @@ class Planned:
     base: Path
     overrides: tuple[str, ...] = ()
     key: str = ""
-    kind: str = ""
 
 
 @dataclass(frozen=True)
@@ -180,14 +173,9 @@ def _case(
     base = path.parent / str(changes.pop("base", study.base))
     if study.program is not None:
         changes = {"program": study.program, **changes}
-    overrides = tuple(
-        f"{k}={v if isinstance(v, str) else json.dumps(v)}"
-        for k, v in _merged({"output.fields": "stage", **changes}).items()
-    )
-    config = load(base, overrides).config
-    tree = config.model_dump(exclude={"name", "description", "output"})
-    key = _hash([tree, config.output.fields, _mesh_bytes(config), _code()])
-    return Planned(label, axes, config, base, overrides, key, _hash(_forms(tree)))
+    case = load(base, {"output.fields": "stage", **changes})
+    known = key(case.config, case.config.output.fields)
+    return Planned(label, axes, case.config, base, case.overrides, known)
 
 
 def _material_test(
@@ -204,20 +192,6 @@ def _material_test(
     return Planned(label, axes, work, path)
 
 
-def _merged(changes: dict[str, Any]) -> dict[str, Any]:
-    """Changes without those that lie within an earlier one, such as program.1.steps in program."""
-    out: dict[str, Any] = {}
-    for dotted, value in changes.items():
-        parts = dotted.split(".")
-        above = [".".join(parts[:n]) for n in range(1, len(parts))]
-        whole = next((a for a in above if isinstance(out.get(a), (dict, list))), None)
-        if whole is None:
-            out[dotted] = copy.deepcopy(value)
-        else:
-            _into(out[whole], parts[whole.count(".") + 1 :], value, dotted)
-    return out
-
-
 def _into(node: Any, parts: list[str], value: Any, dotted: str) -> None:
     """Set a value deep in a tree of mappings and lists."""
     *parents, last = (int(p) if p.isdigit() else p for p in parts)
@@ -227,52 +201,3 @@ def _into(node: Any, parts: list[str], value: Any, dotted: str) -> None:
         node[last] = value
     except (KeyError, IndexError, TypeError, AttributeError):
         raise ConfigError(f"{dotted}: there is no such place") from None
-
-
-# --- keys ----------------------------------------------------------------------------------------
-
-
-def _hash(value: Any) -> str:
-    text = json.dumps(value, sort_keys=True, default=str)
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-@functools.cache
-def _code() -> str:
-    """Version of dealib, and hash of those of its modules that results depend on."""
-    root = Path(dealib.__file__).parent
-    digest = hashlib.sha256()
-    for part in _PHYSICS:
-        target = root / part
-        for file in [target] if target.is_file() else sorted(target.rglob("*.py")):
-            digest.update(file.read_bytes())
-    return digest.hexdigest()
-
-
-def _mesh_bytes(config: Config) -> str | None:
-    if config.mesh.file is None:
-        return None
-    return hashlib.sha256(read_bytes(Path(config.mesh.file), "mesh", 10**9)).hexdigest()
-
-
-def _forms(tree: dict[str, Any]) -> Any:
-    """What decides which forms are compiled: all words, and which numbers are zero.
-
-    It may tell apart what shares its forms, never the reverse.
-    """
-
-    def shape(node: Any) -> Any:
-        if isinstance(node, dict):
-            return {k: shape(v) for k, v in node.items()}
-        if isinstance(node, (list, tuple)):
-            return [shape(v) for v in node]
-        if isinstance(node, float) or _QUANTITY.fullmatch(str(node)):
-            return float(str(node).split()[0]) == 0
-        return node
-
-    parts = {k: v for k, v in tree.items() if k not in ("program", "solver")}
-    mesh = {k: v for k, v in tree["mesh"].items() if k in ("order", "file")}
-    return shape({**parts, "mesh": mesh})
-
-
-_QUANTITY = re.compile(r"[-+]?[\d.]+(e[-+]?\d+)? \S+")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
@@ -12,7 +11,6 @@ from dealib.config.materials import ElectrodeMaterial
 from dealib.config.names import Cell, Name
 from dealib.config.section import Section
 from dealib.errors import ValueAt, did_you_mean
-from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression, Signature
 from dealib.units import Length, Time
 
 Limits = tuple[float, float]
@@ -20,14 +18,6 @@ Above0 = Annotated[float, Field(gt=0)]
 Where = dict[str, str | tuple[str, ...]]
 Place = tuple[str | int, ...]
 _WHERE = "only cases with these labels on an axis of `vary`"
-
-
-def _parsed(text: str, functions: Mapping[str, Signature], where: Place) -> Expression:
-    """An expression; what is wrong with it is told at its place in the section."""
-    try:
-        return Expression(text, functions)
-    except ValueError as error:
-        raise ValueAt(where, str(error)) from None
 
 
 class MaterialTest(Section):
@@ -80,12 +70,6 @@ class Curves(_Panel):
     label: str | None = Field(None, description="of a curve, such as '{law}'; default the case's")
     references: tuple[Reference, ...] = Field((), description="what to compare with")
 
-    @field_validator("x", "y")
-    @classmethod
-    def _expressions(cls, axis: Axis) -> Axis:
-        _parsed(axis.value, OF_A_CASE, ("value",))
-        return axis
-
 
 class Points(_Panel):
     """One point a case: x and y are expressions over the quantities."""
@@ -95,12 +79,6 @@ class Points(_Panel):
     y: Axis
     group: str | None = Field(None, description="axis of `vary`: one curve for each of its labels")
     references: tuple[Reference, ...] = Field((), description="what to compare with")
-
-    @field_validator("x", "y")
-    @classmethod
-    def _expressions(cls, axis: Axis) -> Axis:
-        _parsed(axis.value, OF_ALL_CASES, ("value",))
-        return axis
 
 
 class Contour(_Panel):
@@ -144,7 +122,6 @@ class Window(Section):
 
     @model_validator(mode="after")
     def _bounded(self) -> Window:
-        _parsed(self.value, OF_ALL_CASES, ("value",))
         if self.low is None and self.high is None:
             raise ValueError("give low, high or both")
         if self.low is not None and self.high is not None and self.low > self.high:
@@ -197,10 +174,9 @@ class Study(Section):
     @field_validator("quantities")
     @classmethod
     def _quantities(cls, quantities: dict[str, str]) -> dict[str, str]:
-        for name, text in quantities.items():
+        for name in quantities:
             if not name.isidentifier():
                 raise ValueAt((name,), "use letters, digits and '_'")
-            _parsed(text, OF_A_CASE, (name,))
         return quantities
 
     @model_validator(mode="after")
@@ -211,10 +187,6 @@ class Study(Section):
             raise ValueError("give either base or material_test, not both")
         if self.material_test is None and self.base is None and not any(bases):
             raise ValueError("the key 'base' is missing: the config that is varied")
-        for where, text in self._over_cases():
-            for name in sorted(_parsed(text, OF_ALL_CASES, where).names - {*self.quantities}):
-                hint = did_you_mean(name, self.quantities)
-                raise ValueAt(where, f"{text!r}: no quantity named {name}{hint}")
         for name, parts in (("panels", self.panels), ("windows", self.windows)):
             for i, part in enumerate(parts):
                 for axis in part.where:
@@ -222,17 +194,6 @@ class Study(Section):
                 if isinstance(part, Points) and part.group:
                     self._check_axis((name, i, "group"), part.group)
         return self
-
-    def _over_cases(self) -> Iterator[tuple[Place, str]]:
-        """Place and text of each expression over the quantities."""
-        for i, window in enumerate(self.windows):
-            yield ("windows", i, "value"), window.value
-        for i, panel in enumerate(self.panels):
-            if isinstance(panel, Points):
-                yield ("panels", i, "x", "value"), panel.x.value
-                yield ("panels", i, "y", "value"), panel.y.value
-        for text in self.inserts():
-            yield ("comparison",), text
 
     def _check_axis(self, where: Place, axis: str) -> None:
         if axis not in self.vary:

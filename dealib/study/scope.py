@@ -28,7 +28,10 @@ def check(plan: Plan) -> None:
     """
     for where, text, functions, cases in _expressions(plan):
         try:
-            _check(Expression(text, functions), functions, cases)
+            expression = Expression(text, functions)
+            if functions is OF_ALL_CASES:
+                _check_quantities(expression, plan.study.quantities)
+            _check(expression, functions, cases)
         except ValueError as error:
             raise plan.fault(where, str(error)) from None
     for i, panel in enumerate(plan.study.panels):
@@ -78,10 +81,18 @@ def _expressions(plan: Plan) -> Iterable[Found]:
         yield ("comparison",), text, OF_ALL_CASES, list(plan.cases)
 
 
+def _check_quantities(expression: Expression, known: Mapping[str, str]) -> None:
+    for name in sorted(expression.names - {*known}):
+        hint = did_you_mean(name, known)
+        raise ValueError(f"{expression.text!r}: no quantity named {name}{hint}")
+
+
 def _check(
     expression: Expression, functions: Mapping[str, Signature], cases: Sequence[Planned]
 ) -> None:
     labels = [case.label for case in cases]
+    if (value := expression.constant()) is not None:
+        expression.finite(value)
     for case in cases:
         known = columns(case.work)
         for name in sorted(expression.names) if functions is OF_A_CASE else ():

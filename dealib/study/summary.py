@@ -8,12 +8,12 @@ from typing import Any
 
 import pandas as pd
 
-from dealib.results.store import write_text
-from dealib.study.cache import Cache
+from dealib.cases.cache import Cache
+from dealib.cases.job import Ended
+from dealib.files import write_text
 from dealib.study.evaluate import Results
-from dealib.study.job import Outcome
-from dealib.study.plan import Plan
-from dealib.study.sweep import CaseStatus, statuses
+from dealib.study.plan import Plan, Planned
+from dealib.study.sweep import standing
 
 
 class Summary:
@@ -27,24 +27,25 @@ class Summary:
 
     def __init__(self, plans: Sequence[Plan], cache: Cache, path: Path) -> None:
         self.plans, self.cache, self.path = plans, cache, path
-        path.parent.mkdir(parents=True, exist_ok=True)
         self.rows: dict[tuple[str, str], dict[str, Any]] = {}
         for plan in plans:
-            for status in statuses(plan, cache, {}):
-                self._set(plan, status)
+            for case in plan.cases:
+                self._set(plan, case)
 
-    def update(self, outcome: Outcome) -> None:
+    def update(self, ended: Ended) -> None:
         """Enter what has just ended, and write the file."""
         for plan in self.plans:
-            for status in statuses(plan, self.cache, {outcome.job.key: outcome}):
-                if status.case.key == outcome.job.key:
-                    self._set(plan, status)
-                    self.rows[plan.study.name, status.case.label]["seconds"] = outcome.seconds
+            for case in plan.cases:
+                if case.key == ended.job.key:
+                    self._set(plan, case, ended)["seconds"] = ended.seconds
         self.write()
 
-    def _set(self, plan: Plan, status: CaseStatus) -> None:
-        results = Results(plan, self.cache, [status])
-        self.rows[plan.study.name, status.case.label] = dict(results.table.iloc[0])
+    def _set(self, plan: Plan, case: Planned, ended: Ended | None = None) -> dict[str, Any]:
+        failed = {} if ended is None else {ended.job.key: ended}
+        results = Results(plan, self.cache, [standing(case, self.cache, failed)])
+        row: dict[str, Any] = dict(results.table.iloc[0])
+        self.rows[plan.study.name, case.label] = row
+        return row
 
     def write(self) -> None:
         """Write the file."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 import time
 import traceback
@@ -11,6 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+from dealib.errors import DealibError
 
 Report = Callable[[int, int], None]  # step, steps planned
 
@@ -22,24 +25,30 @@ class Job:
     Attributes:
         label: For messages.
         key: Of its physics.
-        kind: Of its compiled forms.
         base: The config's file.
         overrides: 'key=value' changes of it.
-        directory: Run directory.
-        log: File for all that is printed.
+        folder: Of the cache.
     """
 
     label: str
     key: str
-    kind: str
     base: Path
     overrides: tuple[str, ...]
-    directory: Path
-    log: Path
+    folder: Path
+
+    @property
+    def directory(self) -> Path:
+        """Run directory."""
+        return self.folder / self.key
+
+    @property
+    def log(self) -> Path:
+        """File for all that is printed."""
+        return self.folder / f"{self.key}.log"
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Ended:
     """How a job ended.
 
     Attributes:
@@ -47,33 +56,31 @@ class Outcome:
         status: 'done', 'not converged', 'failed' or 'crashed'.
         error: What went wrong, in one message.
         seconds: Wall time.
+        exit_code: That a run of its own would have ended with.
     """
 
     job: Job
     status: str
     error: str = ""
     seconds: float = 0.0
+    exit_code: int = 0
 
 
-def run(job: Job, report: Report | None = None) -> Outcome:
+def run(job: Job, report: Report | None = None) -> Ended:
     """Solve a case; never raises, except for what is to stop the worker."""
     begin = time.perf_counter()
+    status, error, code = "done", "", 0
     with _printed_to(job.log):
         try:
             _solve(job, report)
-            status, error = "done", ""
+        except DealibError as problem:
+            code, error = problem.exit_code, str(problem)
+            status = "not converged" if code == 3 else "failed"
         except Exception as problem:
-            from dealib.errors import DealibError
-
-            if isinstance(problem, DealibError):
-                status = "not converged" if problem.exit_code == 3 else "failed"
-                error = str(problem)
-            else:
-                status, error = "failed", f"{type(problem).__name__}: {problem}"
-                traceback.print_exc()
-    if job.log.stat().st_size == 0:
-        job.log.unlink()
-    return Outcome(job, status, error, time.perf_counter() - begin)
+            status, code = "failed", 70
+            error = f"{type(problem).__name__}: {problem} (a fault of dealib's own; see {job.log})"
+            traceback.print_exc()
+    return Ended(job, status, error, time.perf_counter() - begin, code)
 
 
 def _solve(job: Job, report: Report | None) -> None:
@@ -81,7 +88,10 @@ def _solve(job: Job, report: Report | None) -> None:
 
     from dealib.config import load
     from dealib.program import simulate
+    from dealib.results.info import INFO
 
+    if not (job.directory / INFO).is_file():  # a rest, which `simulate` would not overwrite
+        shutil.rmtree(job.directory, ignore_errors=True)
     case = load(job.base, job.overrides)
     observers = [] if report is None else [_Reporter(report)]
     simulate(case, job.directory, overwrite=True, observers=observers, comm=MPI.COMM_SELF)
@@ -123,3 +133,5 @@ def _printed_to(path: Path) -> Iterator[None]:
             for descriptor, old in zip((1, 2), kept, strict=True):
                 os.dup2(old, descriptor)
                 os.close(old)
+    if path.stat().st_size == 0:
+        path.unlink()

@@ -1,4 +1,4 @@
-"""What a run tells: the logger 'dealib', with `run.log` and the terminal as its listeners."""
+"""What dealib tells: the logger 'dealib', with the terminal and a run's log as its listeners."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from dealib.errors import DealibError
 from dealib.patience import NOTE
 
 LOGGER = logging.getLogger("dealib")
@@ -20,7 +21,7 @@ class _Terminal(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         stream = sys.stdout if record.levelno == NOTE else sys.stderr
-        print(self.format(record), file=stream, flush=True)
+        print(f"dealib: {record.getMessage()}", file=stream, flush=True)
 
 
 class _Kept(logging.Handler):
@@ -48,14 +49,14 @@ def to_terminal(verbose: bool, here: bool = True) -> None:
         verbose: Also increments and Newton's residuals.
         here: Whether this rank shows anything.
     """
-    LOGGER.propagate = False
-    if not here:
-        LOGGER.addHandler(logging.NullHandler())
-        return
-    terminal = _Terminal(logging.DEBUG if verbose else NOTE)
-    terminal.setFormatter(logging.Formatter("dealib: %(message)s"))
-    LOGGER.addHandler(terminal)
+    level = logging.DEBUG if verbose else NOTE
+    LOGGER.handlers[:] = [_Terminal(level) if here else logging.NullHandler()]
     LOGGER.setLevel(logging.DEBUG if verbose else logging.INFO)
+
+
+def verbose() -> bool:
+    """Whether the terminal shows everything."""
+    return LOGGER.isEnabledFor(logging.DEBUG)
 
 
 @contextmanager
@@ -69,10 +70,10 @@ def to_file(directory: Path, here: bool = True) -> Iterator[list[str]]:
     Yields:
         The warnings so far.
     """
-    kept = _Kept()
+    kept, path = _Kept(), directory / LOG
     handlers: list[logging.Handler] = [kept]
     if here:
-        file = _File(directory / LOG, encoding="utf-8", delay=True)
+        file = _File(path, encoding="utf-8", delay=True)
         file.setFormatter(logging.Formatter("%(asctime)s %(levelname)-7s %(message)s"))
         handlers.append(file)
     level = LOGGER.level
@@ -81,6 +82,12 @@ def to_file(directory: Path, here: bool = True) -> Iterator[list[str]]:
         LOGGER.addHandler(handler)
     try:
         yield kept.texts
+    except DealibError:
+        raise
+    except Exception as error:
+        LOGGER.info("stopped by what nobody foresaw", exc_info=True)
+        error.add_note(f"the run's log is {path}")
+        raise
     finally:
         for handler in handlers:
             LOGGER.removeHandler(handler)

@@ -1,0 +1,1 @@
+"""Cases: solved in parallel, kept by their physics; what studies and fits are made of."""

@@ -1,0 +1,168 @@
+"""Workers: processes of this machine, or ranks of mpirun, that solve jobs and survive failures."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from multiprocessing.connection import Connection, wait
+from typing import Any
+
+from dealib.cases.job import Ended, Job, run
+from dealib.errors import Interrupted
+
+
+class Watcher:
+    """Sees how the jobs go on; this one looks away."""
+
+    def __enter__(self) -> Watcher:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        pass
+
+    def begin(self, worker: int, job: Job) -> None:
+        """A worker has taken a job."""
+
+    def step(self, worker: int, job: Job, step: int, total: int) -> None:
+        """A worker has solved a step."""
+
+    def end(self, worker: int, ended: Ended) -> None:
+        """A worker has ended a job."""
+
+
+def cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+class Pool:
+    """Processes that solve jobs; one that dies is reported, and replaced.
+
+    They are stopped at the end of the context, at once if there is something to do.
+
+    Args:
+        count: Number of processes; they are started as they are needed.
+        watcher: Sees what they do.
+    """
+
+    def __init__(self, count: int, watcher: Watcher | None = None) -> None:
+        self._count, self._watcher = count, watcher or Watcher()
+        self._context = multiprocessing.get_context("spawn")  # MPI does not survive a fork
+        self._workers: list[_Worker] = []
+
+    def __enter__(self) -> Pool:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        for worker in self._workers:
+            worker.stop()
+
+    def solve(self, jobs: Sequence[Job]) -> Iterator[Ended]:
+        """Solve jobs, beginning with the first.
+
+        Yields:
+            How they ended, as they do.
+        """
+        pending, watcher = list(reversed(jobs)), self._watcher
+        while len(self._workers) < min(self._count, len(jobs)):
+            self._workers.append(_Worker(self._context, len(self._workers)))
+        while True:
+            for worker in self._workers:
+                if worker.job is None and pending:
+                    watcher.begin(worker.number, worker.give(pending.pop()))
+            busy: dict[Any, _Worker] = {w.pipe: w for w in self._workers if w.job is not None}
+            if not busy:
+                return
+            for pipe in wait(list(busy)):
+                worker = busy[pipe]
+                job, message = worker.job, worker.receive()
+                assert job is not None
+                if isinstance(message, Ended):
+                    watcher.end(worker.number, message)
+                    yield message
+                else:
+                    watcher.step(worker.number, job, *message)
+
+
+class _Worker:
+    """A process that solves one job at a time."""
+
+    def __init__(self, context: Any, number: int) -> None:
+        self._context, self.number = context, number
+        self.job: Job | None = None
+        self._start()
+
+    def _start(self) -> None:
+        self.pipe: Connection
+        self.pipe, theirs = self._context.Pipe()
+        self._process = self._context.Process(target=_serve, args=(theirs,), daemon=True)
+        self._process.start()
+        theirs.close()
+
+    def give(self, job: Job) -> Job:
+        """Start a job."""
+        if not self._process.is_alive():
+            self._start()
+        self.job = job
+        self.pipe.send(job)
+        return job
+
+    def receive(self) -> tuple[int, int] | Ended:
+        """What the process says next; an end of its job too when it has died."""
+        assert self.job is not None
+        message: tuple[int, int] | Ended
+        try:
+            message = self.pipe.recv()
+        except (EOFError, OSError):
+            self._process.join()
+            message = Ended(self.job, "crashed", _death(self._process.exitcode), exit_code=4)
+        if isinstance(message, Ended):
+            self.job = None
+        return message
+
+    def stop(self) -> None:
+        """End the process."""
+        with suppress(OSError):
+            self.pipe.close()
+        if self.job is not None:
+            self._process.terminate()
+        self._process.join(timeout=10)
+        if self._process.is_alive():
+            self._process.kill()
+
+
+def _death(code: int | None) -> str:
+    if code is not None and code < 0:
+        return f"the process was ended by {signal.Signals(-code).name}"
+    return f"the process ended with exit code {code}"
+
+
+def _serve(pipe: Connection) -> None:
+    """Life of a worker process: until its pipe is closed, or it is told to end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all: the parent decides
+    with suppress(EOFError, OSError, Interrupted):
+        while True:
+            job = pipe.recv()
+            pipe.send(run(job, lambda step, total: pipe.send((step, total))))
+
+
+def in_ranks(jobs: Sequence[Job], watcher: Watcher, executor: Any) -> Iterator[Ended]:
+    """Solve jobs in the ranks of an executor of mpi4py.futures.
+
+    Yields:
+        How they ended, as they do.
+    """
+    from concurrent.futures import as_completed
+
+    futures = [executor.submit(run, job) for job in jobs]
+    try:
+        for future in as_completed(futures):
+            ended = future.result()
+            watcher.end(0, ended)
+            yield ended
+    finally:
+        for future in futures:
+            future.cancel()

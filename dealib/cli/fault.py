@@ -1,0 +1,42 @@
+"""What nobody foresaw: one message, and a file with all that a report of it needs."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shlex
+import tempfile
+import traceback
+from collections.abc import Sequence
+
+from dealib.log import verbose
+from dealib.versions import installed
+
+EXIT_CODE = 70  # EX_SOFTWARE of sysexits.h
+
+
+def told(error: Exception, arguments: Sequence[str]) -> str:
+    """The message; the traceback goes into the file, and into the message if all is to be shown.
+
+    Args:
+        error: What happened; its notes say what was being done.
+        arguments: The command line.
+    """
+    command = shlex.join(["dealib", *arguments])
+    trace = "".join(traceback.format_exception(error))
+    versions = ", ".join(f"{name} {version}" for name, version in installed().items())
+    where = f"{platform.platform()}, Python {platform.python_version()}"
+    facts = f"{command}\nin {os.getcwd()}\n{where}\n{versions}\n\n{trace}"
+    summary = " ".join(f"{type(error).__name__}: {error}".split())[:300]
+    lines = [f"a fault of dealib's own in: {command}", f"    {summary}"]
+    lines += [f"    {note}" for note in getattr(error, "__notes__", ())]
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="dealib-", suffix=".log", delete=False, encoding="utf-8"
+        ) as file:
+            file.write(facts)
+        lines.append(f"The traceback and the versions are in {file.name} (-v shows them here).")
+    except OSError:
+        lines.append(facts)
+    lines.append("Please report it: send that file, and the input if you may (see README, Faults).")
+    return "\n".join([*lines, facts] if verbose() else lines)
