@@ -18,6 +18,9 @@ os.environ.setdefault("MPLBACKEND", "Agg")  # pictures go to files, with a scree
 
 def main() -> None:
     """Run the command line."""
+    from dealib.cli.streams import flushed, guard
+
+    guard()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _stop)
     everywhere = False
@@ -33,7 +36,7 @@ def main() -> None:
         code = _unforeseen(error)
     if not everywhere:
         _abort_all_ranks(code)
-    sys.exit(code)
+    sys.exit(flushed(code))
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
@@ -49,11 +52,12 @@ def _command() -> int:
     from typer.main import get_command
 
     from dealib.cli.app import app
-    from dealib.cli.usage import UsageError, explain
+    from dealib.cli.usage import UsageError, explain, refuse_long
 
     given = [_at_home(a) for a in sys.argv[1:]]
     verbose = [a for a in given if a in ("-v", "--verbose")]  # it may stand anywhere
     arguments = [a for a in given if a not in verbose] or ["--help"]
+    refuse_long(arguments)
     try:
         command = get_command(app)
         with command.make_context("dealib", [*verbose, *arguments]) as context:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 FAULT = 70  # exit code of what nobody foresaw: EX_SOFTWARE of sysexits.h
 
 
@@ -81,3 +85,11 @@ class Interrupted(KeyboardInterrupt):
 
     def __str__(self) -> str:
         return str(self.args[0])
+
+
+def did_you_mean(word: object, known: Sequence[str] | Mapping[str, Any]) -> str:
+    """A hint at the nearest known word, or at all of them."""
+    near = difflib.get_close_matches(str(word), list(known), n=1, cutoff=0.6)
+    if near:
+        return f"; did you mean {near[0]!r}?"
+    return f"; known: {', '.join(known)}" if known else ""

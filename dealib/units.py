@@ -9,9 +9,13 @@ from __future__ import annotations
 import functools
 import math
 import re
+from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema
+
+from dealib.errors import did_you_mean
+from dealib.reading import shown
 
 if TYPE_CHECKING:
     import pint
@@ -47,6 +51,11 @@ USUAL = {
     "kV/mm": {"kV/mm": 1.0, "V/um": 1.0, "MV/m": 1.0},
 }
 
+# letters with powers of at most one digit, multiplied and divided
+_SYMBOL = r"[µμ]?[A-Za-zΩ°%][A-Za-zµμΩ_]*(?:(?:\^|\*\*)?-?\d|[²³])?"
+_UNIT = re.compile(rf"(?:1|{_SYMBOL})(?:\s*[ */·]\s*{_SYMBOL})*")
+_LEAST = 1e-50  # of each internal unit; squares of what is below are no numbers any more
+
 _NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*")
 
 
@@ -79,13 +88,22 @@ def parse(text: object, dimension: str) -> float:
         raise ValueError(f"{wanted}, not {kinds.get(type(text), type(text).__name__)}")
     number = _NUMBER.match(_ascii(text))
     if number is None:
-        raise ValueError(f"{wanted}; {str(text)!r} does not start with a number")
+        raise ValueError(f"{wanted}; {shown(text)!r} does not start with a number")
     given = str(text)[number.end() :].strip()
     if not given:
-        raise ValueError(f"{wanted}; {str(text).strip()!r} has no unit")
+        raise ValueError(f"{wanted}; {shown(str(text).strip())!r} has no unit")
     value = float(number.group()) * _factor(given, unit, wanted)
     if not math.isfinite(value):
-        raise ValueError(f"{wanted}; {str(text).strip()!r} is too large")
+        raise ValueError(f"{wanted}; {shown(str(text).strip())!r} is too large")
+    return value
+
+
+def sensible(text: object, dimension: str) -> float:
+    """Read a quantity of a config (see `parse`), neither so small nor so large that sums fail."""
+    value = parse(text, dimension)
+    if value and not _LEAST <= abs(value) <= 1 / _LEAST:
+        size = "small" if abs(value) < 1 else "large"
+        raise ValueError(f"{shown(str(text).strip())!r} is too {size} for a {dimension}")
     return value
 
 
@@ -97,14 +115,27 @@ def _factor(given: str, unit: str, wanted: str) -> float:
         return usual
     import pint
 
-    try:
-        quantity = _registry().Quantity(1.0, given)
-    except Exception:  # pint raises its parser's and tokenizer's errors as they come
-        raise ValueError(f"{wanted}; {given!r} is no unit") from None
-    try:
-        return float(quantity.to(unit).magnitude)
-    except pint.DimensionalityError:
-        raise ValueError(f"{wanted}; '{given}' is not a unit of that kind") from None
+    problem = "is no unit"
+    if _UNIT.fullmatch(given):  # pint would work out whatever stands there
+        try:
+            return float(_registry().Quantity(1.0, given).to(unit).magnitude)
+        except pint.DimensionalityError:
+            problem = "is not a unit of that kind"
+        except Exception:  # pint raises its parser's and tokenizer's errors as they come
+            pass
+    raise ValueError(f"{wanted}; {shown(given)!r} {problem}{_near(given, unit)}")
+
+
+def _near(given: str, unit: str) -> str:
+    """A hint at what unit may be meant: its power, its capitals, or one with nearly its name."""
+    power = re.sub(r"(?<=[A-Za-z])(?=\d$)", "^", given)
+    if power != given:
+        with suppress(ValueError):
+            return f"; did you mean {power!r}?" * bool(_factor(power, unit, ""))
+    usual = USUAL.get(unit, {})
+    same = [known for known in usual if known.lower() == given.replace("µ", "u").lower()]
+    hint = f"; did you mean {same[0]!r}?" if same else did_you_mean(given, usual)
+    return hint if "did you mean" in hint else ""
 
 
 def factor(given: str, unit: str) -> float:
@@ -158,7 +189,7 @@ def _quantity(dimension: str) -> Any:
     _, example = DIMENSIONS[dimension]
     return Annotated[
         float,
-        BeforeValidator(functools.partial(parse, dimension=dimension)),
+        BeforeValidator(functools.partial(sensible, dimension=dimension)),
         PlainSerializer(functools.partial(write, dimension=dimension), return_type=str),
         WithJsonSchema(
             {

@@ -82,7 +82,8 @@ GOOD = "displacement [mm],force [N]\n"
         ("displacement [mm],force [kV]\n1,2\n3,4\n",
          ": column 'force [kV]': expected a unit such as 'N'; 'kV' is not a unit of that kind"),
         ("displacement [mm],force [Nn]\n1,2\n3,4\n",
-         ": column 'force [Nn]': expected a unit such as 'N'; 'Nn' is no unit"),
+         ": column 'force [Nn]': expected a unit such as 'N'; 'Nn' is no unit; "
+         "did you mean 'N'?"),
         ("force [N]\n1\n3\n", ": a curve needs two columns, x and y"),
         ("force [N],force [N]\n1,2\n3,4\n", ":1: two columns have the same header"),
     ],

@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from dealib.config import Case, load
 from dealib.config.messages import validate
-from dealib.config.schema import Name
+from dealib.config.names import FilePath, Name
 from dealib.config.section import Section
 from dealib.config.source import Source
 from dealib.errors import ConfigError, ValueAt
@@ -77,7 +77,7 @@ class Parameter(Section):
 class Data(Section):
     """Measured curves, and the part of a run that they belong to."""
 
-    file: str = Field(min_length=1, description="CSV file, beside this one")
+    file: FilePath = Field(min_length=1, description="CSV file, beside this one")
     stage: str | None = Field(None, description="stage of the program; default the whole run")
     x: str | None = Field(None, description="quantity of the abscissa; default the first column")
     columns: dict[str, str] | None = Field(
@@ -108,7 +108,7 @@ class Method(Section):
 class Destination(Section):
     """Where results go."""
 
-    directory: str | None = Field(None, description="default runs/NAME")
+    directory: FilePath | None = Field(None, description="default runs/NAME")
 
 
 class Fit(Section):
@@ -116,7 +116,7 @@ class Fit(Section):
 
     name: Name = Field(description="short name; also the default directory")
     description: str = Field("", description="one line, shown in the report")
-    base: str = Field(description="config to start from, beside this file")
+    base: FilePath = Field(description="config to start from, beside this file")
     set: dict[str, Any] = Field({}, description="keys of the config that differ for the whole fit")
     parameters: dict[str, Parameter] = Field(min_length=1, description="by dotted key")
     data: tuple[Data, ...] = Field(min_length=1)

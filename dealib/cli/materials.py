@@ -8,8 +8,7 @@ from pathlib import Path
 import typer
 from pydantic import ValidationError
 
-from dealib.config.source import did_you_mean
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, did_you_mean
 from dealib.materials.laws import LAWS, Law
 from dealib.materials.published import library
 

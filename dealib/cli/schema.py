@@ -7,9 +7,8 @@ from pathlib import Path
 import typer
 
 from dealib.config import reference
-from dealib.config.source import did_you_mean
 from dealib.config.templates import TEMPLATES, template
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, did_you_mean
 from dealib.files import write_text
 
 

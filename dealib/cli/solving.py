@@ -58,12 +58,19 @@ def run(
 
 @app.command()
 def check(config: ConfigFile, set: Set = None) -> None:
-    """Validate a config; nothing is solved or written."""
+    """Validate a config and estimate its size; nothing is solved or written."""
     from dealib.config import load
+    from dealib.config.size import refuse_full_disk, size
 
     case = load(config, set)
+    if case.config.mesh.file is not None:
+        from dealib.geometry.sound import sound_mesh
+
+        sound_mesh(Path(case.config.mesh.file))
+    refuse_full_disk(case.config, Path(case.config.directory))
     stages = ", ".join(s.stage for s in case.config.program)
     typer.echo(f"{config}: valid; {case.config.name}: {stages}")
+    typer.echo(str(size(case.config)))
 
 
 @app.command()

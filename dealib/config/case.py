@@ -13,8 +13,9 @@ from ruamel.yaml import YAML
 
 from dealib.config.messages import validate
 from dealib.config.schema import Config
+from dealib.config.size import refuse_too_large
 from dealib.config.source import Source
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, ValueAt
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,10 @@ def load(path: str | Path, set: Mapping[str, Any] | Iterable[str] | None = None)
         config = config.model_copy(
             update={"mesh": config.mesh.model_copy(update={"file": str(found)})}
         )
+    try:
+        refuse_too_large(config)
+    except ValueAt as error:
+        raise ConfigError(source.message(error.where, str(error), "key")) from None
     return Case(config, source.text, source.path, tuple(pairs))
 
 
@@ -72,12 +77,12 @@ def _yaml(value: Any) -> str:
 
 
 def read(path: Path) -> Config:
-    """A config that was resolved before; its files need not be there any more.
+    """A config that was resolved before, which is longer; its files need not be there any more.
 
     Raises:
         ConfigError: If it is none.
     """
-    return validate(Config, Source(path))
+    return validate(Config, Source(path, most=20_000_000))
 
 
 def resolved(config: Config) -> str:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 from pydantic import BaseModel, BeforeValidator, Field, create_model, model_validator
 
 from dealib.config.section import Section
-from dealib.config.source import did_you_mean
-from dealib.errors import ValueAt
+from dealib.errors import ValueAt, did_you_mean
 from dealib.materials.branches import Viscoelastic
 from dealib.materials.laws import LAWS, Law, invariants_of_stretches
 from dealib.materials.permittivity import RelativePermittivity, StretchPermittivity

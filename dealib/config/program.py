@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from dealib.config.bias import BiasElement, Forces, Lengths, Masses, Spring
 from dealib.config.follow import Follow
+from dealib.config.names import Cell
 from dealib.config.section import OneOf, Section
 from dealib.config.stop import Condition
 from dealib.errors import ValueAt
@@ -62,7 +63,7 @@ class TerminalInput(_Port):
 class Stage(Section):
     """One stage: what changes at the ports, over how long, in how many steps."""
 
-    stage: str = Field(
+    stage: Cell = Field(
         min_length=1, description="name; `prestrain` ramps the film's pre-stretch from 1"
     )
     duration: Time = Field(1.0, gt=0, description="of one cycle")

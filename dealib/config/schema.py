@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-import re
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from dealib.config.bias import check_second_films
 from dealib.config.follow import check_branches
 from dealib.config.materials import Materials
+from dealib.config.names import FilePath, Name
 from dealib.config.program import Stage
 from dealib.config.section import Section
 from dealib.config.stop import Condition, check_conditions
@@ -18,16 +18,6 @@ from dealib.config.tables import Tables
 from dealib.errors import ValueAt
 from dealib.materials.branches import Viscoelastic
 from dealib.units import ElectricField, Length, Resistance, Stress
-
-
-def _plain_name(name: str) -> str:
-    if not re.fullmatch(r"[\w.+-]+", name):
-        raise ValueError("use letters, digits, '_', '-', '.' and '+' only")
-    return name
-
-
-Name = Annotated[str, AfterValidator(_plain_name)]
-
 
 # --- geometry and mesh ---------------------------------------------------------------------------
 
@@ -67,6 +57,16 @@ class Geometry(Section):
                 ("outer_radius",),
                 f"{self.outer_radius:g} mm must exceed inner_radius ({self.inner_radius:g} mm)",
             )
+        length = self.outer_radius - self.inner_radius
+        if length < 1e-6 * self.inner_radius:
+            raise ValueAt(("outer_radius",), "a strip of less than a millionth of inner_radius")
+        for key in ("film_thickness", "electrode_thickness"):
+            if 0 < getattr(self, key) < 1e-6 * length:
+                raise ValueAt(
+                    (key,),
+                    f"{getattr(self, key):g} mm are less than a millionth of the strips' length "
+                    f"({length:g} mm); check the unit",
+                )
         solid = self.half_thickness
         if self.clamps is not None:
             if self.clamps.width >= self.inner_radius:
@@ -103,7 +103,7 @@ class Mesh(Section):
     air_size: Length | None = Field(
         None, gt=0, description="cell size at the far side of the air; default air_height / 5"
     )
-    file: str | None = Field(
+    file: FilePath | None = Field(
         None, description="read this Gmsh mesh instead, with the same physical names"
     )
 
@@ -136,11 +136,13 @@ class Solver(Section):
     tolerance: float = Field(
         1e-9, gt=0, lt=1e-3, description="on the residual of each field, relative to its scale"
     )
-    max_iterations: int = Field(12, ge=2, description="Newton iterations before a cut-back")
+    max_iterations: int = Field(
+        12, ge=2, le=1000, description="Newton iterations before a cut-back"
+    )
     target_iterations: int = Field(
         6, ge=1, description="increments grow back while a step needs at most this many"
     )
-    max_cuts: int = Field(10, ge=0, description="halvings of an increment before giving up")
+    max_cuts: int = Field(10, ge=0, le=40, description="halvings of an increment before giving up")
     time_tolerance: float = Field(
         1e-3,
         ge=0,
@@ -206,7 +208,7 @@ class Sensing(Section):
 class Output(Section):
     """Where results go."""
 
-    directory: str | None = Field(None, description="default runs/NAME")
+    directory: FilePath | None = Field(None, description="default runs/NAME")
     fields: Literal["every", "stage", "none"] = Field(
         "every", description="store fields each step, at the end of each stage, or never"
     )

@@ -12,8 +12,7 @@ from pydantic import BeforeValidator, Field, field_validator
 
 from dealib.config.columns import COLUMNS
 from dealib.config.section import Section
-from dealib.config.source import did_you_mean
-from dealib.errors import ValueAt
+from dealib.errors import ValueAt, did_you_mean
 from dealib.materials.laws import LAWS
 from dealib.materials.response import softens
 from dealib.units import factor, split

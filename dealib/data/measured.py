@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from dealib.config.source import did_you_mean
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, did_you_mean
 from dealib.units import factor
 
 Array = npt.NDArray[np.float64]

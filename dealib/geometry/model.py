@@ -13,7 +13,8 @@ from typing import Any
 from dealib.config.schema import Config
 from dealib.errors import ConfigError
 from dealib.files import whole
-from dealib.geometry import annular_strips, own_mesh
+from dealib.geometry import annular_strips, msh, own_mesh, sound
+from dealib.patience import patience
 
 
 @contextmanager
@@ -27,7 +28,8 @@ def gmsh_model(config: Config) -> Iterator[Any]:
         gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
         if config.mesh.file is None:
             gmsh.model.add(config.name)
-            annular_strips.build(gmsh, config.geometry, config.mesh)
+            with patience("meshing"):
+                annular_strips.build(gmsh, config.geometry, config.mesh)
         else:
             _read(gmsh, config)
         yield gmsh
@@ -38,9 +40,12 @@ def session() -> Iterator[Any]:
     """A quiet session of Gmsh, which takes no signals away."""
     import gmsh
 
-    gmsh.initialize(interruptible=False)
+    # without the user's own options of Gmsh: they would change the mesh
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
     if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):  # Gmsh sets one back to its default
+        # Gmsh sets some back to their defaults, and PETSc lets a closed pipe end the process
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+        for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.getsignal(number))
     try:
         gmsh.option.setNumber("General.Terminal", 0)
@@ -88,9 +93,12 @@ def cells_by_region(model: Any) -> dict[str, int]:
 
 def _read(gmsh: Any, config: Config) -> None:
     path = config.mesh.file
+    assert path is not None
+    found = msh.read(Path(path))
     try:
-        gmsh.open(path)
-    except Exception:  # gmsh raises plain Exception
-        reason = gmsh.logger.getLastError() or "unknown format"
-        raise ConfigError(f"mesh.file {path}: Gmsh cannot read it: {reason}") from None
-    own_mesh.check(gmsh.model, str(path), config.geometry)
+        found.into(gmsh.model)
+    except Exception as error:  # gmsh raises plain Exception
+        raise ConfigError(f"mesh.file {path}: no sound mesh: {error}") from None
+    own_mesh.check(gmsh.model, path, config.geometry)
+    if fault := sound.fault(found):
+        raise ConfigError(f"mesh.file {path}: {fault}")

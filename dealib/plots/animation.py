@@ -14,7 +14,7 @@ import numpy.typing as npt
 from dealib.errors import ConfigError
 from dealib.files import whole
 from dealib.plots.contours import frame, magnification, paint, scale, scale_note
-from dealib.plots.labels import label
+from dealib.plots.labels import label, plain
 from dealib.plots.quantities import Quantity
 from dealib.plots.shape import Shape
 from dealib.plots.style import Theme
@@ -105,7 +105,7 @@ def _stage(run: Run, what: Quantity, look: Theme, factor: float) -> Any:
             axis.set_ylim(low - 0.05 * abs(low) - 1e-3, high + 0.05 * abs(high) + 1e-3)
         axis.tick_params(labelbottom=k == len(columns) - 1)
     axis.set_xlabel(label("time_s"))
-    figure.suptitle(str(run.info["name"]), fontsize="medium")
+    figure.suptitle(plain(run.info["name"]), fontsize="medium")
     figure.canvas.draw()
     figure.set_layout_engine("none")  # the panels stay where they are
     return figure, strips, markers

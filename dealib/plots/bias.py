@@ -7,7 +7,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from dealib.plots.labels import label
+from dealib.plots.labels import label, plain
 from dealib.plots.style import Theme
 from dealib.results.bias import BiasChart
 
@@ -39,7 +39,7 @@ def draw_bias(chart: BiasChart, look: Theme) -> Any:
         axis.annotate(text, middle, (0, 4), textcoords="offset points", ha="center")
         for e in (start, end):
             axis.plot([e.displacement] * 2, [e.force, y], color=look.faint, lw=0.8, zorder=1)
-    title = "\n".join([chart.name, *chart.notes()])
+    title = "\n".join([plain(chart.name), *chart.notes()])
     axis.set(xlabel=label("displacement_mm"), ylabel=label("force_N"), title=title)
     axis.legend(loc="lower right")
     return figure

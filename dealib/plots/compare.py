@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dealib.data.compare import Comparison
-from dealib.plots.labels import label, split
+from dealib.plots.labels import label, plain, split
 from dealib.plots.style import save, theme
 
 
@@ -46,7 +46,7 @@ def draw_comparison(
             below.axhline(0, color="C1", lw=0.8)
             below.plot(c.x, c.computed - c.measured, ".", ms=4, color="C0")
             note = f"RMSE {c.rmse:.3g} {unit}".rstrip() + f", R² {c.r2:.5f}"
-            above.set_title("\n".join(t for t in (titles[k] if titles else "", note) if t))
+            above.set_title("\n".join(t for t in (plain(titles[k]) if titles else "", note) if t))
             above.set(ylabel=label(c.y_name))
             difference = "computed −\nmeasured" + (f" ({unit})" if unit else "")
             below.set(xlabel=label(c.x_name), ylabel=difference)

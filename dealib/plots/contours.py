@@ -10,6 +10,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import Normalize, TwoSlopeNorm
 from matplotlib.tri import Triangulation
 
+from dealib.plots.labels import plain
 from dealib.plots.quantities import Quantity
 from dealib.plots.shape import BLOCKS, Shape
 from dealib.plots.style import Theme
@@ -39,7 +40,7 @@ def contours(shape: Shape, what: Quantity, look: Theme) -> Any:
         axis.set_title(f"{side} end, true scale", loc="left")
     colours = plt.cm.ScalarMappable(norm, cmap)
     figure.colorbar(colours, ax=figure.axes, extend=extend, label=what.title, aspect=40, pad=0.02)
-    figure.suptitle(f"{shape.run.info['name']}, {shape.when}", fontsize="medium")
+    figure.suptitle(plain(f"{shape.run.info['name']}, {shape.when}"), fontsize="medium")
     return figure
 
 

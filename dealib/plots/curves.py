@@ -9,11 +9,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.lines import Line2D
 
-from dealib.config.source import did_you_mean
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, did_you_mean
 from dealib.plots import limits
 from dealib.plots.branches import draw_history, key
-from dealib.plots.labels import kind, label, split
+from dealib.plots.labels import kind, label, plain, split
 from dealib.plots.style import DASHES
 from dealib.results.reader import Run
 from dealib.results.summary import MARGINS
@@ -130,13 +129,13 @@ def check_column(run: Run, column: str) -> None:
 
 def names(runs: Sequence[Run]) -> list[str]:
     """Names that tell runs apart: of the config, else of the directory."""
-    given = [str(run.info["name"]) for run in runs]
+    given = [plain(run.info["name"]) for run in runs]
     if len(set(given)) == len(given):
         return given
-    directories = [run.directory.resolve().name for run in runs]
+    directories = [plain(run.directory.resolve().name) for run in runs]
     if len(set(directories)) == len(directories):
         return directories
-    return [str(run.directory) for run in runs]
+    return [plain(run.directory) for run in runs]
 
 
 def _panel_beside(axis: Any) -> Any:

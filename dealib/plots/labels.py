@@ -34,6 +34,15 @@ _KINDS = {
 }  # fmt: skip
 
 
+def plain(text: object) -> str:
+    """A text of a user, or with one in it, as it stands: no mathtext, and never left out of a key.
+
+    All of them go through here on their way into a picture.
+    """
+    said = str(text).replace("$", r"\$")
+    return f" {said}" if said.startswith("_") else said  # which Matplotlib would leave out
+
+
 def kind(unit: str) -> str:
     """Axis label of several columns of one unit."""
     return f"{_KINDS[unit]} ({unit})" if unit in _KINDS else f"({unit})" if unit else ""

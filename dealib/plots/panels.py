@@ -12,6 +12,7 @@ import matplotlib.pyplot as plt
 from cycler import cycler
 from matplotlib.collections import PolyCollection
 
+from dealib.plots.labels import plain
 from dealib.plots.strips import draw_contour, draw_shapes
 from dealib.study.evaluate import Curve, Results
 from dealib.study.schema import Axis, Contour, Curves, Points, Reference, Shapes
@@ -108,7 +109,7 @@ def _fill(figure: Any, results: Results) -> None:
 def _fields(part: Any, results: Results, index: int) -> None:
     panel = results.study.panels[index]
     outcome = results.chosen(index)
-    title = panel.title or results.study.title
+    title = plain(panel.title or results.study.title)
     if outcome is None:
         part.text(0.5, 0.5, f"{title}: the case has not converged", ha="center")
         return
@@ -133,14 +134,17 @@ def _lines(axis: Any, results: Results, index: int) -> None:
         _reference(axis, reference)
     axis.margins(x=0.04, y=0.06)
     _limits(axis, panel.x, panel.y)
-    axis.set(xlabel=panel.x.label, ylabel=panel.y.label, title=panel.title)
+    axis.set(xlabel=plain(panel.x.label), ylabel=plain(panel.y.label), title=plain(panel.title))
     named = [c for c in curves if c.label]
     if len(named) + len(panel.references) > 1 or panel.references:
         axis.legend(loc="best")
 
 
 def _line(axis: Any, curve: Curve, index: int, points: bool, count: int) -> None:
-    style: dict[str, Any] = {"color": COLOURS[index % len(COLOURS)], "label": curve.label or None}
+    style: dict[str, Any] = {
+        "color": COLOURS[index % len(COLOURS)],
+        "label": plain(curve.label) or None,
+    }
     if points:
         style |= {"marker": _MARKS[index % len(_MARKS)], "ms": 5}
     elif count > 3 and index >= (count + 1) // 2:
@@ -150,7 +154,7 @@ def _line(axis: Any, curve: Curve, index: int, points: bool, count: int) -> None
 
 def _reference(axis: Any, reference: Reference) -> None:
     style = {"ls": ":", "lw": 1.8} if reference.style == "line" else {"ls": "", "marker": "x"}
-    axis.plot(reference.x, reference.y, color=REFERENCE, label=reference.label, **style)
+    axis.plot(reference.x, reference.y, color=REFERENCE, label=plain(reference.label), **style)
 
 
 def _limits(axis: Any, x: Axis, y: Axis) -> None:

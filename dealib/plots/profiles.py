@@ -8,6 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from dealib.geometry import names
+from dealib.plots.labels import plain
 from dealib.plots.quantities import NOISE, SURFACE_CHARGE, Quantity
 from dealib.plots.shape import Shape
 from dealib.results.elements import Array
@@ -78,5 +79,5 @@ def draw_profiles(shape: Shape, quantities: list[Quantity]) -> Any:
         axis.set_title(title, loc="left")
     for axis in axes[-1]:
         axis.set_xlabel("Radius at rest R (mm)")
-    figure.suptitle(f"{shape.run.info['name']}, {shape.when}", fontsize="medium")
+    figure.suptitle(plain(f"{shape.run.info['name']}, {shape.when}"), fontsize="medium")
     return figure

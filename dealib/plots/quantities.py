@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dealib.config.source import did_you_mean
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, did_you_mean
 from dealib.results.elements import Array
 from dealib.results.summary import MARGINS
 

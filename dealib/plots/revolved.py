@@ -12,6 +12,7 @@ import numpy as np
 from dealib.errors import PlatformError
 from dealib.geometry import names
 from dealib.plots.contours import magnification, scale, scale_note
+from dealib.plots.labels import plain
 from dealib.plots.quantities import Quantity
 from dealib.plots.shape import STRIPS, Sampler, Shape
 from dealib.plots.style import Theme
@@ -59,7 +60,7 @@ def draw_revolved(shape: Shape, what: Quantity, look: Theme) -> Any:
     colours = plt.cm.ScalarMappable(norm, cmap)
     figure.colorbar(colours, ax=axis, extend=extend, label=what.title, shrink=0.8, pad=0.01)
     note = scale_note(magnification(shape))
-    axis.set_title(f"{shape.run.info['name']}, {shape.when}\n{note}")
+    axis.set_title(plain(f"{shape.run.info['name']}, {shape.when}\n{note}"))
     return figure
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.tri import Triangulation
 
+from dealib.plots.labels import plain
 from dealib.results.elements import Array
 from dealib.results.mesh import Ints, ResultMesh
 from dealib.study.outcome import Outcome
@@ -83,7 +84,7 @@ def draw_contour(part: Any, outcome: Outcome, panel: Contour) -> None:
         axis.grid(False)
     extend = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}
     cut = int(used.min() < low - 1e-9 * (high - low)), int(used.max() > high + 1e-9 * (high - low))
-    bar = part.colorbar(shown, ax=list(axes.values()), extend=extend[cut], label=panel.label)
+    bar = part.colorbar(shown, ax=list(axes.values()), extend=extend[cut], label=plain(panel.label))
     bar.solids.set_rasterized(True)
 
 

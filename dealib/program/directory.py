@@ -18,7 +18,7 @@ from dealib.files import TEMPORARY, write_text
 from dealib.geometry import model
 from dealib.log import LOGGER
 from dealib.results import store
-from dealib.results.checkpoint import FOLDER, VALUES, Checkpoint, CheckpointFolder
+from dealib.results.checkpoint import FOLDER, VALUES, Checkpoint, CheckpointFolder, history_sum
 from dealib.results.history import HISTORY
 from dealib.results.info import INFO
 from dealib.results.lock import Lock
@@ -179,6 +179,11 @@ def _take_up(path: Path, case: Case, info: dict[str, Any]) -> Checkpoint | None:
         raise _no_way(path, str(error)) from None
     if len(history) <= saved.step:
         raise _no_way(path, f"{HISTORY} ends before the checkpoint (step {saved.step})")
+    for name, found in ((HISTORY, history), (store.STATES, run.kept_history)):
+        known = [] if found is None else found[: saved.step + 1].to_dict("records")
+        if history_sum({str(k): v for k, v in row.items()} for row in known) != saved.history:
+            remove = "; it is restored if you remove it" if name == HISTORY else ""
+            raise _no_way(path, f"{name} is not what the run has written{remove}")
     write_text(path / HISTORY, history.to_csv(index=False, na_rep="nan"))
     for name, version in info["versions"].items():
         before = old["versions"].get(name)

@@ -13,7 +13,7 @@ from dealib.errors import ConfigError
 from dealib.plots import style
 from dealib.plots.contours import contours
 from dealib.plots.curves import curves, overview
-from dealib.plots.labels import label
+from dealib.plots.labels import label, plain
 from dealib.plots.limits import uses
 from dealib.plots.mesh import draw_mesh
 from dealib.plots.profiles import draw_profiles
@@ -107,7 +107,7 @@ def _iterations(run: Run) -> Any:
     h = run.history[1:]
     figure, axis = style.plt.subplots(figsize=(7, 2.4), layout="constrained")
     for k, (stage, part) in enumerate(h.groupby("stage", sort=False)):
-        axis.bar(part["step"], part["newton_iterations"], color=f"C{k % 6}", label=str(stage))
+        axis.bar(part["step"], part["newton_iterations"], color=f"C{k % 6}", label=plain(stage))
     axis.set(xlabel="Step", ylabel=label("newton_iterations"))
     axis.yaxis.set_major_locator(style.plt.MaxNLocator(integer=True))
     axis.grid(False, axis="x")

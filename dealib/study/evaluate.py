@@ -10,8 +10,7 @@ import numpy as np
 
 from dealib.cases.cache import DONE, FAILED, Cache
 from dealib.config.schema import Config
-from dealib.config.source import did_you_mean
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, did_you_mean
 from dealib.results.elements import Array
 from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression
 from dealib.study.outcome import Outcome

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from dealib.config.source import did_you_mean
+from dealib.errors import did_you_mean
 
 _LONGEST = 500  # characters; keeps the parser's recursion shallow
 _EXPONENT = 64  # largest one: what is meant is small, and 9 ** 9 ** 9 is a slip

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dealib.config.schema import Config
-from dealib.config.source import did_you_mean
+from dealib.errors import did_you_mean
 from dealib.materials.response import response
 from dealib.results.elements import Array
 from dealib.results.mesh import Ints

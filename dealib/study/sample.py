@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dealib.config.source import did_you_mean
+from dealib.errors import did_you_mean
 from dealib.geometry import names
 from dealib.plots.quantities import QUANTITIES
 from dealib.results.elements import Array

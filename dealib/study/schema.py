@@ -8,10 +8,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from dealib.config.materials import ElectrodeMaterial
-from dealib.config.schema import Name
+from dealib.config.names import Cell, Name
 from dealib.config.section import Section
-from dealib.config.source import did_you_mean
-from dealib.errors import ValueAt
+from dealib.errors import ValueAt, did_you_mean
 from dealib.units import Length, Time
 
 Limits = tuple[float, float]
@@ -31,7 +30,7 @@ class MaterialTest(Section):
         "uniaxial", description="also the name of its one stage"
     )
     stretch: tuple[Above0, Above0] = Field((1.0, 2.0), description="first and last")
-    points: int = Field(61, ge=2, description="equal steps from first to last")
+    points: int = Field(61, ge=2, le=100_000, description="equal steps from first to last")
 
 
 class Axis(Section):
@@ -113,12 +112,12 @@ Panel = Annotated[Curves | Points | Contour | Shapes, Field(discriminator="kind"
 class Window(Section):
     """A range in which a number is said, or expected, to lie."""
 
-    name: str = Field(min_length=1, description="what is compared")
+    name: Cell = Field(min_length=1, description="what is compared")
     value: str = Field(description="expression over the quantities of all cases")
     low: float | None = Field(None, description="smallest value; give low, high or both")
     high: float | None = Field(None, description="largest value")
-    unit: str = Field("", description="in which all three are told")
-    source: str = Field("", description="who says so")
+    unit: Cell = Field("", description="in which all three are told")
+    source: Cell = Field("", description="who says so")
     where: Where = Field({}, description=_WHERE)
 
     @model_validator(mode="after")
@@ -142,7 +141,7 @@ class Study(Section):
     )
     set: dict[str, Any] = Field({}, description="dotted keys of the base that all cases change")
     program: list[Any] | None = Field(None, description="stages: it replaces the base's program")
-    vary: dict[str, dict[str, Any]] = Field(
+    vary: dict[Cell, dict[Cell, Any]] = Field(
         {},
         description="axes, multiplied with each other; an axis is either {key: list, ...}, lists "
         "in step with each other, or {label: {key: value, ...}, ...}; the key `base` is a config",

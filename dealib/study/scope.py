@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from dealib.config.columns import COLUMNS
 from dealib.config.schema import Config
-from dealib.config.source import did_you_mean
+from dealib.errors import did_you_mean
 from dealib.geometry import names
 from dealib.plots.quantities import QUANTITIES
 from dealib.study import sample
