@@ -1,0 +1,207 @@
+"""Tables in spreadsheets (XLSX, XLS, ODS) and in MAT files."""
+
+from __future__ import annotations
+
+import datetime
+import io
+import zipfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dealib.config.source import did_you_mean
+from dealib.data.cells import Ambiguous, decimal_mark
+from dealib.data.decode import LARGEST
+from dealib.data.names import parted
+from dealib.data.table import Column, Table, assemble
+from dealib.data.text import choose, is_row
+from dealib.errors import ConfigError
+
+if TYPE_CHECKING:
+    from dealib.data.schema import Format
+
+_ZIP, _OLE, _HDF5 = b"PK\x03\x04", b"\xd0\xcf\x11\xe0", b"\x89HDF"
+_OTHERS = {
+    b"TDSm": "a TDMS file of LabVIEW: save it as LVM or as text",
+    b"\x1f\x8b": "a compressed file: unpack it",
+    b"%PDF": "a PDF: take the table out of it, as text",
+    b"\x89PNG": "a picture: a plot digitiser makes a table of it",
+}
+
+
+def read_book(path: Path, data: bytes, wanted: Format) -> Table | None:
+    """Read a spreadsheet or a MAT file; None if the file is neither.
+
+    Args:
+        path: The file, for messages.
+        data: Its content.
+        wanted: Sheet or variable, and number of the table.
+
+    Raises:
+        ConfigError: If it is damaged, or holds no table or several.
+    """
+    for mark, what in _OTHERS.items():
+        if data.startswith(mark):
+            raise ConfigError(f"{path}: {what}")
+    if data.startswith((_ZIP, _OLE)):
+        return _spreadsheet(path, data, wanted)
+    if data.startswith((b"MATLAB", _HDF5)) or path.suffix.lower() == ".mat":
+        return _mat(path, data, wanted)
+    return None
+
+
+def _spreadsheet(path: Path, data: bytes, wanted: Format) -> Table:
+    from python_calamine import CalamineWorkbook
+
+    try:
+        if data.startswith(_ZIP):
+            with zipfile.ZipFile(io.BytesIO(data)) as parts:
+                if sum(part.file_size for part in parts.infolist()) > LARGEST:
+                    raise ConfigError(f"{path}: larger than {LARGEST >> 30} GB when unpacked")
+        book = CalamineWorkbook.from_filelike(io.BytesIO(data))
+        hidden = {m.name for m in book.sheets_metadata if "Visible" not in str(m.visible)}
+        names = [n for n in book.sheet_names if n not in hidden or n == wanted.sheet]
+        if wanted.sheet is not None:
+            if wanted.sheet not in names:
+                hint = did_you_mean(wanted.sheet, names)
+                raise ConfigError(f"{path}: no sheet {wanted.sheet!r}{hint}")
+            names = [wanted.sheet]
+        sheets = {n: book.get_sheet_by_name(n).to_python(skip_empty_area=False) for n in names}
+    except ConfigError:
+        raise
+    except Exception as error:  # calamine has an error of its own for each format
+        raise ConfigError(f"{path}: cannot be read as a spreadsheet: {error}") from None
+    found = {name: flags for name, rows in sheets.items() if (flags := _flags(rows))[0].sum() > 1}
+    if not found:
+        raise ConfigError(f"{path}: expected a header and at least two rows of numbers")
+    if len(found) > 1:
+        named = ", ".join(map(repr, found))
+        raise ConfigError(f"{path}: tables in the sheets {named}: choose with format.sheet")
+    ((name, flags),) = found.items()
+    return _sheet(path, name, sheets[name], flags, wanted)
+
+
+def _flags(rows: list[list[Any]]) -> tuple[Any, Any]:
+    """Which rows of a sheet are numbers, and which end a table."""
+    numbers = np.array(
+        [sum(isinstance(c, float) for c in r) > 1 or is_row(_texts(r)) for r in rows], dtype=bool
+    )
+    blank = np.array([not any(c != "" for c in r) for r in rows], dtype=bool)
+    ends = ~numbers & ~blank
+    ends[1:] |= blank[1:] & blank[:-1]
+    return numbers, ends
+
+
+def _sheet(
+    path: Path, name: str, rows: list[list[Any]], flags: tuple[Any, Any], wanted: Format
+) -> Table:
+    import pandas as pd
+
+    start, stop, told = choose(path, *flags, wanted.table)
+    above: list[list[str]] = []
+    for row in reversed(rows[max(start - 4, 0) : start]):
+        texts = _texts(row)
+        if sum(map(bool, texts)) < 1 + (sum(c != "" for c in rows[start]) > 1):
+            break
+        above.insert(0, texts)
+    body = [r for r, kept in zip(rows[start:stop], flags[0][start:stop], strict=True) if kept]
+    at = np.flatnonzero(flags[0][start:stop]) + start
+    frame = pd.DataFrame(
+        {
+            i: pd.Series([_plain(c) for c in column])
+            for i, column in enumerate(zip(*body, strict=True))
+        }
+    )
+    try:
+        words = [[c for c in frame[i] if isinstance(c, str)] for i in frame.columns]
+        decimal = wanted.decimal or decimal_mark(words) or "."
+    except Ambiguous as error:
+        raise ConfigError(f"{path}: {error}; say which with format.decimal") from None
+    header = f"header in row {start}" if above else "no header"
+    notes = [f"sheet {name!r}", header, f"{len(frame)} rows from row {start + 1} on", *told]
+    return assemble(path, above, frame, decimal, lambda row: f"row {at[max(row, 0)] + 1}", notes)
+
+
+def _texts(row: list[Any]) -> list[str]:
+    return [str(c).strip() for c in row]
+
+
+def _plain(cell: Any) -> Any:
+    """A cell as a number or a text; None if it is empty."""
+    if isinstance(cell, datetime.timedelta):
+        minutes, seconds = divmod(cell.total_seconds(), 60)
+        return f"{minutes // 60:.0f}:{minutes % 60:02.0f}:{seconds:09.6f}"
+    if isinstance(cell, str | datetime.date | datetime.time):
+        return str(cell).strip() or None
+    return float(cell)
+
+
+def _mat(path: Path, data: bytes, wanted: Format) -> Table:
+    try:
+        arrays = dict(_flattened(_variables(data)))
+    except Exception as error:  # damaged files fail in many ways
+        raise ConfigError(f"{path}: cannot be read as a MAT file: {error}") from None
+    columns: dict[int, list[Column]] = {}
+    for name, values in arrays.items():
+        if wanted.sheet is not None and wanted.sheet not in (name, name.split(".")[0]):
+            continue
+        wide = values if values.ndim == 1 or values.shape[0] >= values.shape[1] else values.T
+        for i, column in enumerate(wide.reshape(len(wide), -1).T, start=1):
+            header = name if wide.ndim == 1 else f"{name} {i}"
+            numbers = np.where(np.isfinite(column), column, np.nan)
+            empty = int(np.isnan(numbers).sum())
+            columns.setdefault(len(column), []).append(Column(*parted(header), numbers, empty))
+    tables = {n: found for n, found in columns.items() if len(found) > 1}
+    if not tables:
+        known = ", ".join(arrays) or "none"
+        raise ConfigError(
+            f"{path}: expected vectors of one length, or a matrix with a column each; numbers are "
+            f"in: {known}. Tables of MATLAB itself: save table2struct(T, 'ToScalar', true)"
+        )
+    names = {n: ", ".join(c.name for c in found[:4]) for n, found in tables.items()}
+    listed = "; ".join(f"{i}: {n} rows of {names[n]}" for i, n in enumerate(tables, start=1))
+    if wanted.table is None and len(tables) > 1:
+        raise ConfigError(f"{path}: {len(tables)} tables ({listed}): choose with format.table")
+    if (wanted.table or 1) > len(tables):
+        raise ConfigError(f"{path}: there is no table {wanted.table}; it has {listed}")
+    rows, found = list(tables.items())[(wanted.table or 1) - 1]
+    left = sum(len(others) for n, others in columns.items() if n != rows)
+    told = [f"{left} of other lengths left out"] if left else []
+    return Table(path, tuple(found), ("MAT file", f"{rows} rows", *told))
+
+
+def _variables(data: bytes) -> Mapping[str, Any]:
+    if data.startswith(_HDF5) or data[512:516] == _HDF5:  # of version 7.3
+        import h5py
+
+        def tree(group: Any) -> dict[str, Any]:
+            found: dict[str, Any] = {}
+            for name, node in group.items():
+                if isinstance(node, h5py.Group):
+                    found[name] = {} if name == "#refs#" else tree(node)
+                elif node.attrs.get("MATLAB_class", b"double") != b"char" and node.shape:
+                    found[name] = np.asarray(node[()]).T
+            return found
+
+        with h5py.File(io.BytesIO(data), "r") as file:
+            return tree(file)
+    import scipy.io
+
+    return dict(scipy.io.loadmat(io.BytesIO(data), simplify_cells=True))
+
+
+def _flattened(node: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """All real vectors and matrices of nested structures, by dotted names."""
+    if isinstance(node, Mapping):
+        for key, value in node.items():
+            if not key.startswith("__"):
+                yield from _flattened(value, f"{name}.{key}" if name else key)
+    elif isinstance(node, list) or (isinstance(node, np.ndarray) and node.dtype == object):
+        for i, value in enumerate(node, start=1):
+            yield from _flattened(value, f"{name}({i})")
+    elif isinstance(node, np.ndarray) and node.dtype.kind in "fiu":
+        values = np.squeeze(np.asarray(node, dtype=float))
+        if values.ndim in (1, 2) and len(values) > 1:
+            yield name, values

@@ -1,0 +1,342 @@
+"""Tables in text files: which lines are numbers, what parts the columns, what stands above."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from dealib.data.cells import Ambiguous, decimal_mark, kind
+from dealib.data.instruments import hints
+from dealib.data.table import Table, assemble
+from dealib.errors import ConfigError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from dealib.data.schema import Format
+
+_DELIMITERS = {"\t": "tab", ";": "';'", "|": "'|'", ",": "','", " ": "blanks"}
+_COMMENT = re.compile(r"\s*(?:#(?!N/A|DIV|VALUE|WERT|REF|NUM|NAME|NULL|ZAHL)|%|//|!|\*\*)+\s*")
+_PLAIN = np.zeros(256, dtype=bool)  # bytes of lines that need no look: numbers and what parts them
+_PLAIN[list(b"0123456789+-.,;:/ \t\"'|eETZ\n")] = True
+_DIGITS = {bytes([c]) for c in b"0123456789+-.,"}
+_HEAD, _ABOVE = 3000, 200  # lines that are looked at for the delimiter, and for the header
+_LARGE = 10  # a table with so many times the rows of all others is the one that is meant
+
+
+@dataclass(frozen=True)
+class Lines:
+    """A text by lines, as bytes.
+
+    Attributes:
+        data: The text in UTF-8.
+        starts: Where each line starts, and the end (lines + 1,).
+    """
+
+    data: bytes
+    starts: npt.NDArray[np.int64]
+
+    @classmethod
+    def of(cls, data: bytes) -> Lines:
+        """The lines of a text."""
+        ends = np.flatnonzero(np.frombuffer(data, np.uint8) == 10) + 1
+        tail = [] if data.endswith(b"\n") else [len(data)]
+        return cls(data, np.concatenate([[0], ends, tail]).astype(np.int64))
+
+    def __len__(self) -> int:
+        return len(self.starts) - 1
+
+    def __getitem__(self, i: int) -> str:
+        return self.data[self.starts[i] : self.starts[i + 1]].decode().rstrip("\n")
+
+    def having(self, at: npt.NDArray[np.bool_]) -> npt.NDArray[np.int64]:
+        """Number of marked bytes in each line (lines,)."""
+        line = np.searchsorted(self.starts, np.flatnonzero(at), side="right") - 1
+        return np.bincount(line, minlength=len(self)).astype(np.int64)
+
+
+def split(line: str, delimiter: str) -> list[str]:
+    """Cells of a line."""
+    if delimiter == " ":
+        parts = re.split(r"\s{2,}|\t", line.strip())
+        words = re.findall(r"\"[^\"]*\"|\S+(?:\s*[\[(][^\])]*[\])])?", line)
+        return [w.strip('"') for w in (words if len(words) > len(parts) else parts)]
+    cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+    return [" ".join(c.split()) for c in cells]
+
+
+def read_text(path: Path, data: bytes, wanted: Format, notes: Sequence[str]) -> Table:
+    """Read the table of a text file.
+
+    Args:
+        path: The file, for messages.
+        data: Its text in UTF-8.
+        wanted: What the user says about its format.
+        notes: What was decided so far.
+
+    Raises:
+        ConfigError: If there is no table or are several, or a line has no single reading.
+    """
+    lines = Lines.of(data)
+    fixed = hints([lines[i] for i in range(min(len(lines), _ABOVE))])
+    delimiter = wanted.delimiter or fixed.delimiter or _delimiter(lines)
+    rows, ends = _rows(lines, delimiter)
+    start, stop, told = choose(path, rows, ends, wanted.table)
+    start = _trimmed(lines, start, stop, delimiter)
+    at = np.flatnonzero(rows[start:stop]) + start
+    chosen = at[np.unique(np.linspace(0, len(at) - 1, 2000).astype(int))]
+    sample = [split(lines[i], delimiter) for i in chosen.tolist()]
+    width = max(map(len, sample))
+    above, last = _above(path, lines, start, delimiter, width)
+    decimal = wanted.decimal or fixed.decimal
+    if decimal is None:
+        _refuse_split_decimals(path, start, delimiter, sample, above)
+        decimal = _decimal(path, lines, (start, stop), delimiter, sample)
+    frame = _frame(path, lines, (start, stop), delimiter, decimal, width, rows)
+    told = [
+        *notes,
+        f"columns parted by {_DELIMITERS.get(delimiter, repr(delimiter))}",
+        f"decimal mark {decimal!r}",
+        f"header in line {last}" if above else "no header",
+        f"{len(frame)} rows from line {start + 1} on",
+        *told,
+    ]
+    above, frame = fixed.applied(above, frame)
+    return assemble(path, above, frame, decimal, lambda row: str(at[max(row, 0)] + 1), told)
+
+
+def _delimiter(lines: Lines) -> str:
+    """The delimiter by which most lines are rows of numbers of one width."""
+    head = [line for i in range(min(len(lines), _HEAD)) if (line := lines[i]).strip()]
+    scores = {}
+    for delimiter in _DELIMITERS:
+        widths: dict[int, int] = {}
+        for line in head:
+            kinds = [kind(c) for c in split(line, delimiter)]
+            numbers = sum(k in ("number", "time") for k in kinds)
+            if numbers and numbers > kinds.count("text"):
+                widths[len(kinds)] = widths.get(len(kinds), 0) + numbers - 2 * kinds.count("text")
+        scores[delimiter] = max((n for w, n in widths.items() if w > 1), default=0)
+    best = max(scores, key=lambda d: scores[d])  # of equal ones the first
+    return best if scores[best] else ","
+
+
+def is_row(cells: Sequence[str]) -> bool:
+    """Whether cells are a row of a table: numbers, and not many texts beside them."""
+    kinds = [kind(c) for c in cells]
+    numbers, texts = sum(k in ("number", "time") for k in kinds), kinds.count("text")
+    return (not texts and any(cells)) or (numbers > 1 and 2 * numbers >= texts)
+
+
+def _rows(lines: Lines, delimiter: str) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Which lines are rows of numbers, and which end a table (lines,) each."""
+    codes = np.frombuffer(lines.data, np.uint8)
+    look = lines.having(~_PLAIN[codes]) > 0
+    blank = np.diff(lines.starts) <= 1
+    look[:_ABOVE] = True
+    look &= ~blank
+    rows, ends = ~look & ~blank, np.zeros(len(lines), dtype=bool)
+    ends[1:] = blank[1:] & blank[:-1]
+    width, by, starts = 0, None if delimiter == " " else delimiter.encode(), lines.starts
+    for i in np.flatnonzero(look).tolist():
+        parts = lines.data[starts[i] : starts[i + 1]].split(by)
+        if i > _ABOVE and len(parts) == width and sum(p[:1] in _DIGITS for p in parts) > 1:
+            rows[i] = True  # like the one before, seen at a glance
+            continue
+        cells = split(lines[i], delimiter)
+        if _COMMENT.match(lines[i]):
+            continue
+        if is_row(cells):
+            rows[i], width = True, len(cells)
+        elif rows[i - 1] and kind(cells[0]) != "text" and len(cells) == width:
+            rows[i] = any(kind(c) == "number" for c in cells)  # one with a bad cell
+        ends[i] = not rows[i]
+    return rows, ends
+
+
+def choose(
+    path: Path, rows: npt.NDArray[np.bool_], ends: npt.NDArray[np.bool_], wanted: int | None
+) -> tuple[int, int, list[str]]:
+    """First and last line of the table that is meant, and what else there is."""
+    at = np.flatnonzero(rows)
+    of = np.cumsum(ends)[at]
+    first = np.flatnonzero(np.diff(of, prepend=-1))
+    size = np.diff(np.append(first, len(at)))
+    tables = [
+        (int(at[f]), int(at[f + n - 1]) + 1, int(n))
+        for f, n in zip(first, size, strict=True)
+        if n > 1
+    ]
+    if not tables:
+        raise ConfigError(f"{path}: expected a header line and at least two lines of numbers")
+    named = "; ".join(f"{i}: lines {a + 1} to {b}" for i, (a, b, _) in enumerate(tables[:9], 1))
+    largest = max(tables, key=lambda t: t[2])
+    if wanted is not None:
+        if wanted > len(tables):
+            raise ConfigError(f"{path}: there is no table {wanted}; it has {named}")
+        largest = tables[wanted - 1]
+    elif sum(n for *_, n in tables if n > 2) - largest[2] > largest[2] / _LARGE:
+        raise ConfigError(f"{path}: {len(tables)} tables ({named}): choose with format.table")
+    others = sum(n > 2 for *_, n in tables) - 1
+    told = [f"{others} smaller table{'s' * (others > 1)} left out"] if others > 0 else []
+    if wanted is not None:
+        told = [f"table {wanted} of {len(tables)}"]
+    return largest[0], largest[1], told
+
+
+def _trimmed(lines: Lines, start: int, stop: int, delimiter: str) -> int:
+    """The first row of numbers, behind rows that have text where numbers follow."""
+    while start + 2 < stop:
+        kinds = [[kind(c) for c in split(lines[i], delimiter)] for i in (start, start + 1)]
+        if not any(k == "text" and n == "number" for k, n in zip(*kinds, strict=False)):
+            break
+        start += 1
+    return start
+
+
+def _above(
+    path: Path, lines: Lines, start: int, delimiter: str, width: int
+) -> tuple[list[list[str]], int]:
+    """Rows of the header, the lines above that have as many cells, and the line of the last.
+
+    Raises:
+        ConfigError: If the line above has cells, but not as many, or an open quote.
+    """
+    found: list[list[str]] = []
+    last = 0
+    for first, text in reversed(list(_records(lines, max(start - _ABOVE, 0), start))):
+        if not text.strip():
+            if found:
+                break
+            continue
+        mark = _COMMENT.match(text)
+        bare = text[mark.end() :] if mark else text
+        if bare.count('"') % 2:
+            raise ConfigError(f"{path}:{first + 1}: a quote is opened and never closed")
+        options = [split(bare, d) for d in (delimiter, *_DELIMITERS)]
+        cells = next((c for c in options if len(c) == width), options[0])
+        while len(cells) > width and (not cells[-1] or cells[-1] == "Comment"):
+            cells.pop()
+        if len(cells) != width:
+            if found or len([c for c in cells if c]) < 2 or mark:
+                break
+            raise ConfigError(
+                f"{path}:{first + 1}: {len(cells)} headers for {width} columns of numbers; "
+                "where a comma or a blank is part of a header, put it in quotes"
+            )
+        found.insert(0, cells)
+        last = last or first + 1
+        if len(found) == 4:
+            break
+    return found, last
+
+
+def _records(lines: Lines, start: int, stop: int) -> Iterator[tuple[int, str]]:
+    """Lines with their numbers, joined where a quote goes on in the next ones."""
+    i = start
+    while i < stop:
+        first, text = i, lines[i]
+        joined = text
+        while joined.count('"') % 2 and i + 1 < min(stop, first + 6):
+            i += 1
+            joined += " " + lines[i]
+        if joined.count('"') % 2:  # an inch, or a quote that stays open
+            joined, i = text, first
+        yield first, joined
+        i += 1
+
+
+def _decimal(
+    path: Path, lines: Lines, span: tuple[int, int], delimiter: str, sample: Sequence[Sequence[str]]
+) -> str:
+    """The decimal mark, told by a sample of rows, else by all of them."""
+    columns = list(zip(*(r for r in sample if len(r) == len(sample[0])), strict=True))
+    try:
+        if mark := decimal_mark(columns):
+            return mark
+    except Ambiguous:
+        pass
+    every = [split(lines[i], delimiter) for i in range(*span)]
+    try:
+        return (
+            decimal_mark(zip(*(r for r in every if len(r) == len(sample[0])), strict=True)) or "."
+        )
+    except Ambiguous as error:
+        raise ConfigError(f"{path}: {error}; say which with format.decimal") from None
+
+
+def _refuse_split_decimals(
+    path: Path, start: int, delimiter: str, sample: Sequence[Sequence[str]], above: list[list[str]]
+) -> None:
+    """Refuse '0,25,-2,27', which is two numbers or four."""
+    cells = [c for row in sample for c in row]
+    if above or delimiter != "," or len(sample[0]) % 2 or any("." in c for c in cells):
+        return
+    if all(re.fullmatch(r"\d+", c) for row in sample for c in row[1::2]) and any(
+        c[:1] == "0" and len(c) > 1 for row in sample for c in row[1::2]
+    ):
+        n = len(sample[0])
+        raise ConfigError(
+            f"{path}:{start + 1}: {n} whole numbers or {n // 2} with decimal commas: "
+            "commas both part columns and mark decimals; export with ';' or tabs"
+        )
+
+
+def _frame(
+    path: Path, lines: Lines, span: tuple[int, int], delimiter: str, decimal: str, width: int,
+    rows: npt.NDArray[np.bool_],
+) -> pd.DataFrame:  # fmt: skip
+    """The cells of a table, a column each: numbers where all of a column are."""
+    import pandas as pd
+
+    start, stop = span
+    data = lines.data[lines.starts[start] : lines.starts[stop]]
+    others = np.flatnonzero(~rows[start:stop]) + start
+    others = others[np.diff(lines.starts)[others] > 1]
+    if len(others):  # comments among the rows
+        kept = np.setdiff1d(np.arange(start, stop), others)
+        data = b"".join(lines.data[lines.starts[i] : lines.starts[i + 1]] for i in kept)
+    quoted = b'"' in data
+    if quoted:
+        odd = lines.having(np.frombuffer(lines.data, np.uint8) == 34)[start:stop] % 2 == 1
+        if odd.any():
+            where = start + int(np.argmax(odd)) + 1
+            raise ConfigError(f"{path}:{where}: a quote is opened and never closed")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)
+            frame = pd.read_csv(
+                io.BytesIO(data),
+                sep=r"\s+" if delimiter == " " else delimiter,
+                decimal=decimal,
+                header=None,
+                names=list(range(width + 1)),  # one more finds lines that are too long
+                index_col=False,
+                skipinitialspace=True,
+                quoting=csv.QUOTE_MINIMAL if quoted else csv.QUOTE_NONE,
+                low_memory=False,
+                float_precision="round_trip",
+            )
+    except (pd.errors.ParserError, pd.errors.ParserWarning):
+        frame = None
+    if frame is None or frame[width].notna().any():
+        raise _too_long(path, lines, span, delimiter, width)
+    return frame.drop(columns=width)
+
+
+def _too_long(path: Path, lines: Lines, span: tuple[int, int], by: str, width: int) -> ConfigError:
+    """An error that names the first line with more cells than columns."""
+    for i in range(*span):
+        cells = split(lines[i], by)
+        if len(cells) > width and not _COMMENT.match(lines[i]):
+            return ConfigError(f"{path}:{i + 1}: {len(cells)} values for {width} columns")
+    return ConfigError(f"{path}: the lines from {span[0] + 1} on cannot be read as a table")
