@@ -5,8 +5,11 @@ import pytest
 from typer.testing import CliRunner
 
 from dealib.cli.app import app
-from dealib.data.compare import branches, compare
-from dealib.data.measured import read, split_unit
+from dealib.data.branches import branches
+from dealib.data.compare import compare
+from dealib.data.measured import measured
+from dealib.data.names import split_unit
+from dealib.data.schema import Selection
 from dealib.errors import ConfigError
 from dealib.plots.compare import draw_comparison
 
@@ -50,18 +53,19 @@ def test_headers(header, expected):
 )
 def test_units_and_delimiters(tmp_path, text):
     (tmp_path / "data.csv").write_text(text)
-    measured = read(tmp_path / "data.csv", COLUMNS)
-    assert (measured.x, measured.curves) == ("displacement_mm", ["force_N"])
-    assert measured.columns["displacement_mm"] == pytest.approx([-1, -2])
-    assert measured.columns["force_N"] == pytest.approx([-0.1, -0.25])
+    found = measured(tmp_path / "data.csv", COLUMNS)
+    assert (found.x, found.curves) == ("displacement_mm", ["force_N"])
+    assert found.columns["displacement_mm"] == pytest.approx([-1, -2])
+    assert found.columns["force_N"] == pytest.approx([-0.1, -0.25])
 
 
 def test_columns_by_other_names(tmp_path):
     (tmp_path / "data.csv").write_text("no,Load cell [mN],u [mm]\n1,-100,-1\n2,-250,-2\n")
     names = {"force": "Load cell [mN]", "displacement": "u [mm]"}
-    measured = read(tmp_path / "data.csv", COLUMNS, names, x="displacement")
-    assert measured.x == "displacement_mm"
-    assert measured.columns["force_N"] == pytest.approx([-0.1, -0.25])
+    wanted = Selection(file="data.csv", columns=names, x="displacement")
+    found = measured(tmp_path / "data.csv", COLUMNS, wanted)
+    assert found.x == "displacement_mm"
+    assert found.columns["force_N"] == pytest.approx([-0.1, -0.25])
 
 
 GOOD = "displacement [mm],force [N]\n"
@@ -70,35 +74,41 @@ GOOD = "displacement [mm],force [N]\n"
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("", ": expected a header line and at least two lines of numbers"),
+        ("", ": the file is empty"),
         (GOOD + "1,2\n", ": expected a header line and at least two lines of numbers"),
-        (GOOD + "1,2\n1\n", ":3: 1 values for 2 columns"),
-        (GOOD + "1,2\n1,x\n", ":3: force [N]: 'x' is no number"),
-        (GOOD + "1,nan\n1,2\n", ":2: force [N]: 'nan' is not finite"),
+        (GOOD + "1,2\n1\n", ": fewer than two rows have numbers for x and a curve"),
+        (GOOD + "1,2\n1,2,3\n", ":1: 2 headers for 3 columns of numbers; where a comma or a blank "
+         "is part of a header, put it in quotes"),
+        (GOOD + "1,2\n1,x\n1,3\n", ":3: force [N]: 'x' is no number"),
+        (GOOD + "1,nan\n1,2\n", ": fewer than two rows have numbers for x and a curve"),
         ("displacement,force [N]\n1,2\n3,4\n",
-         ": column 'displacement' has no unit; write 'displacement [mm]'"),
+         ": column 'displacement' has no unit; write 'displacement [mm]', here or as columns: "
+         "{displacement: 'displacement [mm]'}"),
         ("displacement [mm],farce [N]\n1,2\n3,4\n",
-         ": column 'farce [N]' is no quantity of a run; did you mean 'force'?"),
+         ": column 'farce [N]' is no quantity of a run; did you mean 'force'?; name those that "
+         "are (columns) or leave it out (ignore)"),
         ("displacement [mm],force [kV]\n1,2\n3,4\n",
          ": column 'force [kV]': expected a unit such as 'N'; 'kV' is not a unit of that kind"),
         ("displacement [mm],force [Nn]\n1,2\n3,4\n",
          ": column 'force [Nn]': expected a unit such as 'N'; 'Nn' is no unit"),
         ("force [N]\n1\n3\n", ": a curve needs two columns, x and y"),
-        ("force [N],force [N]\n1,2\n3,4\n", ":1: two columns have the same header"),
+        ("time [s],displacement [mm],force [N],force [mN]\n1,2,3,4\n3,4,5,6\n",
+         ": columns 'force [N]' and 'force [mN]' are both force: name one (columns) or leave one "
+         "out (ignore)"),
     ],
 )  # fmt: skip
 def test_bad_data(tmp_path, text, expected):
     path = tmp_path / "data.csv"
     path.write_text(text)
     with pytest.raises(ConfigError) as error:
-        read(path, COLUMNS)
+        measured(path, COLUMNS)
     assert str(error.value) == f"{path}{expected}"
 
 
 def measured_of(tmp_path, x, y):
     lines = "".join(f"{a!r},{b!r}\n" for a, b in zip(map(float, x), map(float, y), strict=True))
     (tmp_path / "data.csv").write_text(GOOD + lines)
-    return read(tmp_path / "data.csv", COLUMNS)
+    return measured(tmp_path / "data.csv", COLUMNS)
 
 
 def test_branches_ignore_noise():
@@ -140,7 +150,7 @@ def test_a_branch_begins_where_the_abscissa_leaves_its_rest(tmp_path):
     run = {"voltage_kV": voltage, "force_N": force, "stage": ["load"] * 3 + ["cycle"] * 4}
     path = tmp_path / "data.csv"
     path.write_text("voltage [kV],force [N]\n0,-0.3\n1,-0.28\n2,-0.2\n")
-    (found,) = compare(run, read(path, ["voltage_kV", "force_N"]))
+    (found,) = compare(run, measured(path, ["voltage_kV", "force_N"]))
     assert found.computed == pytest.approx([-0.3, -0.28, -0.2], abs=1e-12)
     assert found.rmse == pytest.approx(0, abs=1e-12)
 
@@ -203,7 +213,7 @@ def test_compare_command(strip_run, tmp_path, monkeypatch):
 
     done = call("data.csv", "--out", "picture.png")
     assert done.exit_code == 0
-    force, capacitance = done.output.splitlines()[1:3]
+    force, capacitance = done.output.splitlines()[2:4]
     assert force.split()[:4] == ["force_N", "13", "0.002", "N"]
     assert capacitance.split()[0] == "capacitance_pF"
     assert float(capacitance.split()[-1]) == 1
