@@ -77,8 +77,8 @@ GOOD = "displacement [mm],force [N]\n"
         ("", ": the file is empty"),
         (GOOD + "1,2\n", ": expected a header line and at least two lines of numbers"),
         (GOOD + "1,2\n1\n", ": fewer than two rows have numbers for x and a curve"),
-        (GOOD + "1,2\n1,2,3\n", ":1: 2 headers for 3 columns of numbers; where a comma or a blank "
-         "is part of a header, put it in quotes"),
+        (GOOD + "1,2\n1,2,3\n", ":1: 2 headers for 3 columns of numbers; a header with a comma or a "
+         "blank in it needs quotes, numbers with decimal commas another delimiter"),
         (GOOD + "1,2\n1,x\n1,3\n", ":3: force [N]: 'x' is no number"),
         (GOOD + "1,nan\n1,2\n", ": fewer than two rows have numbers for x and a curve"),
         ("displacement,force [N]\n1,2\n3,4\n",

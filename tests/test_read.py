@@ -1,6 +1,8 @@
 """Files as laboratories write them: each is read right, or refused with what to do."""
 
+import numpy as np
 import pytest
+from laboratory import FAMILIES
 
 from dealib.data.read import read
 from dealib.data.schema import Format
@@ -40,3 +42,17 @@ def test_an_ambiguous_mark_is_refused_with_both_readings(tmp_path):
     )
     assert content(table(tmp_path, text, decimal="."))["voltage [V]"] == [1.25, 2.5]
     assert content(table(tmp_path, text, decimal=","))["voltage [V]"] == [1250, 2500]
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_forty_files_of_a_family_are_read_right(tmp_path, family):
+    """By name, unit and value, each value to the digits that were written."""
+    for seed in range(40):
+        name, data, expected = FAMILIES[family](seed)
+        found = table(tmp_path, data, f"{seed}_{name}")
+        assert {c.header for c in found.columns} == set(expected), (seed, found.account)
+        for column in found.columns:
+            wanted = np.asarray(expected[column.header], dtype=float)
+            assert column.values == pytest.approx(wanted, abs=1e-9, rel=1e-9, nan_ok=True), (
+                seed, column.header, found.account,
+            )  # fmt: skip

@@ -81,7 +81,7 @@ def data(
         typer.Option(
             "--set",
             metavar="KEY=VALUE",
-            help="what the file does not tell: format.decimal=, or encoding, delimiter, sheet, table",
+            help="such as format.decimal=, or format.encoding, delimiter, sheet, table",
         ),
     ] = None,
     x: Annotated[

@@ -33,13 +33,13 @@ _CLOCK = r"\d{1,3}:\d{2}(?::\d{2})?(?:[.,]\d+)?(?:\s?[AaPp]\.?[Mm]\.?)?"
 _DATE = r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}"
 _TIME = re.compile(rf"(?:{_DATE}(?:T|,?\s))?{_CLOCK}(?:\s?Z|\s?[+-]\d\d:?\d\d)?|{_DATE}")
 _MISSING = re.compile(
-    r"|\.|-+|\*+|\?|[+-]?nan|n/?a|n\.a\.?|<na>|null|none|nil|nd|n\.d\.|missing|invalid|no data|"
-    r"#(n/a|nv|na|div/0!|value!|wert!|ref!|num!|zahl!)|-?1\.#(ind|qnan)",
+    r"|\.|[-–—]+|\*+|\?|[+-]?nan(\(\w*\))?|n/?a|n\.a\.?|<na>|null|none|nil|nd|n\.d\.|"
+    r"missing|invalid|no data|#(n/a|nv|na|div/0!|value!|wert!|ref!|num!|zahl!)|-?1[.,]#(ind|qnan)",
     re.IGNORECASE,
 )
 _OVERLOAD = re.compile(
     r"[+-]?(o\.?l|0l|ovl|ovf|ovld|ovrld|ovrflw|over|overload|overflow|over[ -]?range|out of range|"
-    r"inf|infinity|∞|1\.#inf|#{2,}|>+|<+)\.?",
+    r"inf|infinity|∞|1[.,]#inf|#{2,}|>+|<+)\.?",
     re.IGNORECASE,
 )
 _LARGEST = 9.9e18  # instruments write 9.9E37, 9.99999E19, 1E38 for what they cannot measure
@@ -145,6 +145,7 @@ def convert(cells: pd.Series[Any], decimal: str, unit: str = "") -> Cells:
 
     empty = np.asarray(cells.isna())
     values, faults, units = np.full(len(cells), np.nan), [], dict[str, float]()
+    plain = np.ones(len(cells), dtype=bool)
     if cells.dtype.kind in "fiub":
         values = cells.to_numpy(float, copy=True)
     else:
@@ -167,6 +168,7 @@ def convert(cells: pd.Series[Any], decimal: str, unit: str = "") -> Cells:
             if found and (not found[2] or is_unit(found[2])):
                 values[row] = float(_normal(found[1], decimal))
                 if found[2]:
+                    plain[row] = False
                     suffix = spelt(found[2])
                     units.setdefault(suffix, 1.0)
                     values[row] *= _to(suffix, next(iter(units)))
@@ -178,9 +180,12 @@ def convert(cells: pd.Series[Any], decimal: str, unit: str = "") -> Cells:
                 faults.append((row, text))
     over = np.abs(values) >= _LARGEST
     values[over] = np.nan
-    text = len(faults) > (~empty).sum() / 2
+    filled = int((~empty).sum())
+    words = len(faults) > filled / (2 if filled > len(cells) / 2 else 5)  # or notes beside the rows
     counts = int(empty.sum()), int(over.sum())
-    return Cells(values, *counts, tuple(faults), next(iter(units), ""), text=text)
+    if units and (values[plain][np.isfinite(values[plain])] != 0).any():
+        raise Ambiguous("some cells have a unit, others have none")
+    return Cells(values, *counts, tuple(faults), next(iter(units), ""), text=words)
 
 
 def _strict(decimal: str) -> re.Pattern[str]:
@@ -226,6 +231,8 @@ def _times(given: npt.NDArray[np.object_], rows: npt.NDArray[np.intp], unit: str
         dates.append(date)
         good.append(k)
     rows, parts, half = rows[good], parts[good], half[good]
+    if fields == 2 and (rest or re.match("m+(in)?:s", unit.strip("[]()"), re.IGNORECASE)):
+        unit = "mm:ss"
     clock = _clock(parts, half, fields, unit)
     first, values = str(given[rows[0]]).strip(), np.full(len(given), np.nan)
     if known:
@@ -269,7 +276,7 @@ def _clock(parts: Array, half: npt.NDArray[np.int_], fields: int, unit: str) -> 
         h = np.where(half > 0, h % 12 + 12 * (half > 1), h)
         return np.asarray(3600 * h + 60 * m + s + fraction)
     pattern = unit.strip("[]()").lower()
-    of_minutes = fraction.any() or h.max() > 23 or re.match("m+(in)?:s", pattern)
+    of_minutes = h.max() > 23 or pattern == "mm:ss"
     if not of_minutes and not re.match("h+:m", pattern):
         first = f"{h[0]:02.0f}:{m[0]:02.0f}"
         raise Ambiguous(f"{first!r} may be min:s or h:min; write the unit as [mm:ss] or [hh:mm]")

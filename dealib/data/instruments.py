@@ -22,11 +22,13 @@ class Hints:
         delimiter: Between the columns; None if they do not say.
         decimal: The decimal mark; None if they do not say.
         channels: Of LabVIEW's LVM files the rows about channels, by their first word.
+        start: Number of lines at the top that are no table.
     """
 
     delimiter: str | None = None
     decimal: str | None = None
     channels: dict[str, list[str]] = field(default_factory=dict)
+    start: int = 0
 
     def applied(self, above: Rows, frame: pd.DataFrame) -> tuple[Rows, pd.DataFrame]:
         """Header and cells with what the hints add: units, and times that are not written."""
@@ -35,7 +37,6 @@ class Hints:
         names = [c.lower() for c in above[0]] if len(above) > 1 else []
         if "increment" in names and "start" in names:  # Rigol: the first column counts
             first, step = (float(above[1][names.index(n)]) for n in ("start", "increment"))
-            frame = frame.assign(**{str(frame.columns[0]): None}).drop(columns=[])
             frame[0] = first + step * np.arange(len(frame))
             units = ["s", *(u if not _is_number(u) else "" for u in above[1][1:])]
             return [["time", *above[0][1:]], units], frame
@@ -44,13 +45,13 @@ class Hints:
     def _lvm(self, names: list[str], frame: pd.DataFrame) -> tuple[Rows, pd.DataFrame]:
         in_time = "time" in " ".join(self.channels.get("X_Dimension", ["time"])).lower()
         labels = iter(self.channels.get("Y_Unit_Label", []))
-        units = []
+        heads = []
         for i, name in enumerate(names):
             if name != "X_Value":
-                units.append(next(labels, ""))
+                unit = next(labels, "")
+                heads.append(f"{name} [{unit}]" if unit else name)
                 continue
-            units.append("s" if in_time else "")
-            names = [*names[:i], "time" if in_time else name, *names[i + 1 :]]
+            heads.append("time [s]" if in_time else name)
             if frame[i].isna().all() and "Delta_X" in self.channels:
                 mark = self.decimal or "."
                 first, step = (
@@ -58,7 +59,7 @@ class Hints:
                     for k in ("X0", "Delta_X")
                 )
                 frame[i] = first + step * np.arange(len(frame))
-        return [names, units], frame
+        return [heads], frame
 
 
 def hints(lines: Sequence[str]) -> Hints:
@@ -72,7 +73,8 @@ def hints(lines: Sequence[str]) -> Hints:
         cells[0]: [c.strip() for c in cells[1:]] for line in lines if (cells := line.split(by))
     }
     decimal = next(iter(found.get("Decimal_Separator", [])), None) or None
-    return Hints(by, decimal, found)
+    ends = [i for i, line in enumerate(lines) if line.startswith("***End_of_Header***")]
+    return Hints(by, decimal, found, ends[min(1, len(ends) - 1)] + 1 if ends else 0)
 
 
 def _is_number(text: str) -> bool:

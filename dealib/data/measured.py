@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -112,6 +113,9 @@ def _taken(table: Table, known: dict[str, str], wanted: Selection) -> dict[str, 
         names = [c.name for c in table.columns]
         return dict(sorted(found.items(), key=lambda item: names.index(item[1].name)))
     ignored = {table.find(header).header for header in wanted.ignore}
+    nameless = {c.header for c in table.columns if re.fullmatch(r"column \d+", c.name)}
+    if len(nameless) < len(table.columns):  # counts of rows, notes
+        ignored |= nameless
     found = {}
     for column in table.columns:
         if column.header in ignored:

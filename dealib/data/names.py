@@ -14,7 +14,7 @@ _BRACKETS = re.compile(r"\[([^\[\]]*)\]|\(([^()]*)\)|\{([^{}]*)\}|<([^<>]*)>")
 _APART = re.compile(r"^(?:in\s+|(.*?[^\s/,])(?:\s*[/,]\s*|\s+in\s+|\s+))(\S+)$")  # U / kV, U in kV
 _NO_UNITS = {"min", "max", "step", "steps", "in"}  # words that end names of columns
 _NONE = {"", "-", "--", "1", "[]", "none", "dimensionless", "n/a", "unitless", "./."}
-_CLOCK = re.compile(r"(d{2}[./-])?(hh?:)?(mm?|min):ss?([.,]\w+)?|hh?:(mm?|min)", re.IGNORECASE)
+_CLOCK = re.compile(r"(hh?:)?(mm?|min):ss?([.,]\w+)?|hh?:(mm?|min)", re.IGNORECASE)
 _SPELT = {  # what laboratories write -> what units are called here
     "Âµ": "u", "µ": "u", "\u03bc": "u", "²": "^2", "³": "^3", "·": "*", "⋅": "*", "\u03a9": "ohm",
     "\u2126": "ohm", "Â°": "°", "℃": "°C", "−": "-", "⁻¹": "^-1",

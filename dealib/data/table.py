@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from dealib.config.source import did_you_mean
 from dealib.data.cells import Ambiguous, convert
-from dealib.data.names import Header, headers, plain, scale
+from dealib.data.names import Header, headers, is_unit, parted, plain, scale, spelt
 from dealib.errors import ConfigError
+from dealib.units import factor
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -87,14 +88,12 @@ class Table:
         Raises:
             ConfigError: If there is none, or there are several.
         """
-        from dealib.data.names import parted
-
         name, unit = parted(header)
         for matches in (
             [c for c in self.columns if header.strip() in (c.header, c.name)],
             [c for c in self.columns if plain(c.name) == plain(name) and unit in ("", c.unit)],
             [
-                Column(c.name, unit, c.values, c.empty, c.overload)
+                replace(c, unit=unit)
                 for c in self.columns
                 if plain(c.name) == plain(name) and not c.unit
             ],
@@ -131,7 +130,8 @@ def assemble(
     """
     named = headers(above, frame.shape[1])
     width = max((len(row) for row in above), default=frame.shape[1])
-    columns, notes, texts = [], list(notes), []
+    columns: list[Column] = []
+    notes, texts = list(notes), []
     for i, header in enumerate(named):
         cells = frame[frame.columns[i]]
         filled = int(cells.notna().sum())
@@ -145,7 +145,8 @@ def assemble(
         except Ambiguous as error:
             raise ConfigError(f"{path}: column {_shown(header)!r}: {error}") from None
         if found.text:
-            texts.append(header[0])
+            if not (columns and _gives_units(columns, cells)):
+                texts.append(header[0])
             continue
         if found.faults:
             row, text = found.faults[0]
@@ -153,7 +154,7 @@ def assemble(
             where = f"{path}:{line(row)}: {_shown(header)}"
             raise ConfigError(f"{where}: {text!r} is no number{mark}")
         notes += [f"{header[0]}: {found.note}"] if found.note else []
-        unit = header[1] if header[1] and found.unit != "s" else found.unit
+        unit = found.unit or header[1]
         columns.append(Column(header[0], unit, found.values, found.empty, found.overload))
     if texts:
         notes.append(f"text left out: {_listed(texts)}")
@@ -161,6 +162,22 @@ def assemble(
         if count := sum(getattr(c, what) for c in columns):
             notes.append(f"{count} {what} cell{'s' * (count > 1)}")
     return Table(path, tuple(columns), tuple(notes))
+
+
+def _gives_units(columns: list[Column], words: pd.Series[Any]) -> bool:
+    """Whether a column of words has the units of the column before it, which then gets them."""
+    column, units = columns[-1], [str(w).strip() for w in words.fillna("")]
+    kinds = {u for u in units if u}
+    if column.unit or not kinds or not all(map(is_unit, kinds)):
+        return False
+    first = next(u for u in units if u)
+    try:
+        factors = {u: factor(spelt(u), spelt(first)) for u in kinds} | {"": np.nan}
+    except ValueError:
+        return False
+    values = column.values * np.array([factors[u] for u in units])
+    columns[-1] = replace(column, unit=first, values=values)
+    return True
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -8,6 +8,7 @@ import re
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from dealib.data.schema import Format
+
+Flags = npt.NDArray[np.bool_]
 
 _DELIMITERS = {"\t": "tab", ";": "';'", "|": "'|'", ",": "','", " ": "blanks"}
 _COMMENT = re.compile(r"\s*(?:#(?!N/A|DIV|VALUE|WERT|REF|NUM|NAME|NULL|ZAHL)|%|//|!|\*\*)+\s*")
@@ -89,19 +92,23 @@ def read_text(path: Path, data: bytes, wanted: Format, notes: Sequence[str]) -> 
     lines = Lines.of(data)
     fixed = hints([lines[i] for i in range(min(len(lines), _ABOVE))])
     delimiter = wanted.delimiter or fixed.delimiter or _delimiter(lines)
-    rows, ends = _rows(lines, delimiter)
-    start, stop, told = choose(path, rows, ends, wanted.table)
-    start = _trimmed(lines, start, stop, delimiter)
-    at = np.flatnonzero(rows[start:stop]) + start
+    rows, ends, words = _rows(lines, delimiter)
+    rows[: fixed.start] = False
+    start, stop, told = choose(path, rows, ends, wanted.table, words)
+    at = _without_notes(lines, np.flatnonzero(rows[start:stop]) + start, delimiter)
+    start, stop = int(at[0]), int(at[-1]) + 1
+    if (np.diff(lines.starts[stop:]) > 1).any() and not told:
+        told = ["what stands below left out"]
     chosen = at[np.unique(np.linspace(0, len(at) - 1, 2000).astype(int))]
     sample = [split(lines[i], delimiter) for i in chosen.tolist()]
-    width = max(map(len, sample))
-    above, last = _above(path, lines, start, delimiter, width)
+    widest = max(map(len, sample))
+    width = max((i for row in sample for i, c in enumerate(row, start=1) if c), default=widest)
+    above, last = _above(path, lines, start, delimiter, width, widest)
     decimal = wanted.decimal or fixed.decimal
     if decimal is None:
         _refuse_split_decimals(path, start, delimiter, sample, above)
         decimal = _decimal(path, lines, (start, stop), delimiter, sample)
-    frame = _frame(path, lines, (start, stop), delimiter, decimal, width, rows)
+    frame = _frame(path, lines, (start, stop), delimiter, decimal, widest, rows)
     told = [
         *notes,
         f"columns parted by {_DELIMITERS.get(delimiter, repr(delimiter))}",
@@ -115,17 +122,21 @@ def read_text(path: Path, data: bytes, wanted: Format, notes: Sequence[str]) -> 
 
 
 def _delimiter(lines: Lines) -> str:
-    """The delimiter by which most lines are rows of numbers of one width."""
+    """The delimiter by which most lines are rows of numbers, and of nothing else."""
     head = [line for i in range(min(len(lines), _HEAD)) if (line := lines[i]).strip()]
     scores = {}
     for delimiter in _DELIMITERS:
-        widths: dict[int, int] = {}
+        score = 0.0
         for line in head:
-            kinds = [kind(c) for c in split(line, delimiter)]
-            numbers = sum(k in ("number", "time") for k in kinds)
-            if numbers and numbers > kinds.count("text"):
-                widths[len(kinds)] = widths.get(len(kinds), 0) + numbers - 2 * kinds.count("text")
-        scores[delimiter] = max((n for w, n in widths.items() if w > 1), default=0)
+            cells = split(line, delimiter)
+            kinds = [kind(c) for c in cells]
+            if delimiter == "," and '"' not in line:  # '1,5 200,5' are two numbers
+                kinds = ["text" if " " in c and k == "number" else k
+                         for c, k in zip(cells, kinds, strict=True)]  # fmt: skip
+            numbers, texts = sum(k in ("number", "time") for k in kinds), kinds.count("text")
+            if numbers > texts and len(kinds) > 1:
+                score += 0.5 if texts else 1
+        scores[delimiter] = score
     best = max(scores, key=lambda d: scores[d])  # of equal ones the first
     return best if scores[best] else ","
 
@@ -137,14 +148,14 @@ def is_row(cells: Sequence[str]) -> bool:
     return (not texts and any(cells)) or (numbers > 1 and 2 * numbers >= texts)
 
 
-def _rows(lines: Lines, delimiter: str) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Which lines are rows of numbers, and which end a table (lines,) each."""
+def _rows(lines: Lines, delimiter: str) -> tuple[Flags, Flags, Flags]:
+    """Which lines are rows of numbers, end a table, or are rows that begin with a word (lines,)."""
     codes = np.frombuffer(lines.data, np.uint8)
     look = lines.having(~_PLAIN[codes]) > 0
     blank = np.diff(lines.starts) <= 1
     look[:_ABOVE] = True
     look &= ~blank
-    rows, ends = ~look & ~blank, np.zeros(len(lines), dtype=bool)
+    rows, ends, words = ~look & ~blank, np.zeros_like(look), np.zeros_like(look)
     ends[1:] = blank[1:] & blank[:-1]
     width, by, starts = 0, None if delimiter == " " else delimiter.encode(), lines.starts
     for i in np.flatnonzero(look).tolist():
@@ -156,17 +167,31 @@ def _rows(lines: Lines, delimiter: str) -> tuple[npt.NDArray[np.bool_], npt.NDAr
         if _COMMENT.match(lines[i]):
             continue
         if is_row(cells):
-            rows[i], width = True, len(cells)
+            rows[i], words[i], width = True, kind(cells[0]) == "text", len(cells)
         elif rows[i - 1] and kind(cells[0]) != "text" and len(cells) == width:
             rows[i] = any(kind(c) == "number" for c in cells)  # one with a bad cell
         ends[i] = not rows[i]
-    return rows, ends
+    return rows, ends, words
 
 
 def choose(
-    path: Path, rows: npt.NDArray[np.bool_], ends: npt.NDArray[np.bool_], wanted: int | None
+    path: Path, rows: Flags, ends: Flags, wanted: int | None, words: Flags | None = None
 ) -> tuple[int, int, list[str]]:
-    """First and last line of the table that is meant, and what else there is."""
+    """The lines of the table that is meant, from and to, and what else there is.
+
+    Args:
+        path: The file, for messages.
+        rows: Lines that are rows of numbers.
+        ends: Lines that end a table.
+        wanted: Number of the table; None: the one that is much larger than all others.
+        words: Rows that begin with a word, such as 'Gain;1;2': they only are a table if no others.
+
+    Raises:
+        ConfigError: If there is none, or it is not clear which.
+    """
+    if words is not None and np.count_nonzero(rows & ~words) > 1:
+        of = np.cumsum(ends)
+        rows = rows & (np.bincount(of, rows & ~words)[of] > 0)
     at = np.flatnonzero(rows)
     of = np.cumsum(ends)[at]
     first = np.flatnonzero(np.diff(of, prepend=-1))
@@ -184,27 +209,37 @@ def choose(
         if wanted > len(tables):
             raise ConfigError(f"{path}: there is no table {wanted}; it has {named}")
         largest = tables[wanted - 1]
-    elif sum(n for *_, n in tables if n > 2) - largest[2] > largest[2] / _LARGE:
+    elif sum(n for *_, n in tables) - largest[2] > largest[2] / _LARGE:
         raise ConfigError(f"{path}: {len(tables)} tables ({named}): choose with format.table")
-    others = sum(n > 2 for *_, n in tables) - 1
-    told = [f"{others} smaller table{'s' * (others > 1)} left out"] if others > 0 else []
+    others = len(tables) - 1
+    told = [f"{others} smaller table{'s' * (others > 1)} left out"] if others else []
     if wanted is not None:
         told = [f"table {wanted} of {len(tables)}"]
     return largest[0], largest[1], told
 
 
-def _trimmed(lines: Lines, start: int, stop: int, delimiter: str) -> int:
-    """The first row of numbers, behind rows that have text where numbers follow."""
-    while start + 2 < stop:
-        kinds = [[kind(c) for c in split(lines[i], delimiter)] for i in (start, start + 1)]
-        if not any(k == "text" and n == "number" for k, n in zip(*kinds, strict=False)):
-            break
-        start += 1
-    return start
+def _without_notes(
+    lines: Lines, rows: npt.NDArray[np.int64], delimiter: str
+) -> npt.NDArray[np.int64]:
+    """Rows without those at both ends that have words where their neighbours have numbers."""
+
+    def noted(row: int, neighbour: int, first_only: bool) -> bool:
+        cells = [split(lines[i], delimiter) for i in (row, neighbour)]
+        pairs = [(kind(a), kind(b)) for a, b in zip(*cells, strict=False)]
+        if all(a == "missing" for a, _ in pairs):  # a rule of dashes
+            return True
+        return ("text", "number") in (pairs[:1] if first_only else pairs)
+
+    while len(rows) > 2 and noted(rows[0], rows[1], False):
+        rows = rows[1:]
+    end = rows[-10:]  # 'Mean;2.5;3.1' below the table
+    while len(end) > 2 and noted(end[-1], end[0], True):
+        end, rows = end[:-1], rows[:-1]
+    return rows
 
 
 def _above(
-    path: Path, lines: Lines, start: int, delimiter: str, width: int
+    path: Path, lines: Lines, start: int, delimiter: str, width: int, widest: int
 ) -> tuple[list[list[str]], int]:
     """Rows of the header, the lines above that have as many cells, and the line of the last.
 
@@ -213,25 +248,30 @@ def _above(
     """
     found: list[list[str]] = []
     last = 0
-    for first, text in reversed(list(_records(lines, max(start - _ABOVE, 0), start))):
+    for first, text in reversed(list(_records(lines, max(start - _ABOVE, 0), start, delimiter))):
         if not text.strip():
             if found:
                 break
             continue
         mark = _COMMENT.match(text)
         bare = text[mark.end() :] if mark else text
-        if bare.count('"') % 2:
+        if _opens(bare, delimiter):
             raise ConfigError(f"{path}:{first + 1}: a quote is opened and never closed")
         options = [split(bare, d) for d in (delimiter, *_DELIMITERS)]
-        cells = next((c for c in options if len(c) == width), options[0])
-        while len(cells) > width and (not cells[-1] or cells[-1] == "Comment"):
+        options.append(re.split(r"\s{2,}", bare.strip()))
+        fits = [c for c in options if width <= len(c) <= widest]
+        cells = fits[0] if fits else options[0]
+        while len(cells) > widest and (not cells[-1] or cells[-1] == "Comment"):
             cells.pop()
-        if len(cells) != width:
+        if all(kind(c) == "missing" for c in cells):  # a rule of dashes
+            continue
+        if not width <= len(cells) <= widest:
             if found or len([c for c in cells if c]) < 2 or mark:
                 break
             raise ConfigError(
                 f"{path}:{first + 1}: {len(cells)} headers for {width} columns of numbers; "
-                "where a comma or a blank is part of a header, put it in quotes"
+                "a header with a comma or a blank in it needs quotes, numbers with decimal commas "
+                "another delimiter"
             )
         found.insert(0, cells)
         last = last or first + 1
@@ -240,28 +280,32 @@ def _above(
     return found, last
 
 
-def _records(lines: Lines, start: int, stop: int) -> Iterator[tuple[int, str]]:
+def _records(lines: Lines, start: int, stop: int, delimiter: str) -> Iterator[tuple[int, str]]:
     """Lines with their numbers, joined where a quote goes on in the next ones."""
     i = start
     while i < stop:
         first, text = i, lines[i]
         joined = text
-        while joined.count('"') % 2 and i + 1 < min(stop, first + 6):
+        while _opens(joined, delimiter) and i + 1 < min(stop, first + 6):
             i += 1
             joined += " " + lines[i]
-        if joined.count('"') % 2:  # an inch, or a quote that stays open
+        if _opens(joined, delimiter):  # it stays open
             joined, i = text, first
         yield first, joined
         i += 1
+
+
+def _opens(text: str, delimiter: str) -> bool:
+    """Whether a quoted cell does not end; an inch mark opens none."""
+    return text.count('"') % 2 == 1 and bool(re.search(rf'(^|{re.escape(delimiter)})\s*"', text))
 
 
 def _decimal(
     path: Path, lines: Lines, span: tuple[int, int], delimiter: str, sample: Sequence[Sequence[str]]
 ) -> str:
     """The decimal mark, told by a sample of rows, else by all of them."""
-    columns = list(zip(*(r for r in sample if len(r) == len(sample[0])), strict=True))
     try:
-        if mark := decimal_mark(columns):
+        if mark := decimal_mark(zip_longest(*sample, fillvalue="")):
             return mark
     except Ambiguous:
         pass
@@ -277,17 +321,16 @@ def _decimal(
 def _refuse_split_decimals(
     path: Path, start: int, delimiter: str, sample: Sequence[Sequence[str]], above: list[list[str]]
 ) -> None:
-    """Refuse '0,25,-2,27', which is two numbers or four."""
-    cells = [c for row in sample for c in row]
-    if above or delimiter != "," or len(sample[0]) % 2 or any("." in c for c in cells):
+    """Refuse '0,25,-2,27' without headers, which is two numbers or four."""
+    n = len(sample[0])
+    if above or delimiter != "," or n % 2 or {len(row) for row in sample} != {n}:
         return
-    if all(re.fullmatch(r"\d+", c) for row in sample for c in row[1::2]) and any(
-        c[:1] == "0" and len(c) > 1 for row in sample for c in row[1::2]
+    if all(re.fullmatch(r"-?\d+", c) for row in sample for c in row) and not any(
+        c[0] == "-" for row in sample for c in row[1::2]
     ):
-        n = len(sample[0])
         raise ConfigError(
-            f"{path}:{start + 1}: {n} whole numbers or {n // 2} with decimal commas: "
-            "commas both part columns and mark decimals; export with ';' or tabs"
+            f"{path}:{start + 1}: {n} whole numbers or {n // 2} with decimal commas; say which "
+            "with format.decimal '.', or export with another delimiter"
         )
 
 
