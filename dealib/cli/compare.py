@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from dealib.config.messages import problem
-from dealib.data.compare import Comparison, compare
+from dealib.data.compare import Comparison, compare, remedy
 from dealib.data.measured import measured
 from dealib.data.names import split_unit
 from dealib.data.schema import Selection
@@ -56,7 +56,7 @@ def compare_run(
         selection = chosen(file, wanted, settings)
         data = measured(file, numeric, selection)
         curves = compare(history, data, selection.stage)
-        typer.echo("\n".join([data.account, *table(curves), ""][: None if len(files) > 1 else -1]))
+        typer.echo("\n".join([data.account, *table(curves), *_outside(curves, history)]))
         found += curves
         titles += [f"{run.info['name']}, {file.name}"] * len(curves)
     if out is not None:
@@ -64,6 +64,16 @@ def compare_run(
 
         draw_comparison(found, out, history, titles)
         typer.echo(str(out))
+
+
+def _outside(curves: list[Comparison], history: Mapping[str, Any]) -> list[str]:
+    """A line a curve that lies mostly outside the run, with what may be the matter."""
+    return [
+        f"{c.y_name}: only {c.inside.mean():.0%} of the points lie inside the run's range of "
+        f"{c.x_name}{remedy(c.x_name, c.x, history[c.x_name])}"
+        for c in curves
+        if c.inside.mean() < 0.5
+    ]
 
 
 def chosen(file: Path, wanted: dict[str, Any], settings: Sequence[str]) -> Selection:

@@ -140,8 +140,8 @@ def remedy(name: str, x: Array, run_x: Array) -> str:
     quantity = split_unit(name)[0]
     moved = {
         "sign: -1": -x,
-        **{f"factor: 1e{k}": x * 10.0**k for k in (-6, -3, -2, -1, 1, 2, 3, 6)},
         "zero: start": x - x[0],
+        **{f"factor: 1e{k}": x * 10.0**k for k in (-3, 3, -6, 6, -1, 1, -2, 2)},
     }
     low, high = run_x.min() - _slack(run_x), run_x.max() + _slack(run_x)
     for key, values in moved.items():

@@ -121,6 +121,8 @@ def _taken(table: Table, known: dict[str, str], wanted: Selection) -> dict[str, 
         if column.header in ignored:
             continue
         quantity = plain(column.name)
+        if quantity not in known:  # 'voltage (ch 1)'
+            quantity = plain(re.sub(r"\([^()]*\)", "", column.name))
         if quantity not in known:
             hint = did_you_mean(quantity, known)
             raise ConfigError(

@@ -70,12 +70,13 @@ def without_outliers(values: Array, limit: float) -> tuple[Array, int]:
     """Values with NaN for those far from the running median (Hampel), and how many they are."""
     import pandas as pd
 
-    series = pd.Series(values)
-    median = series.rolling(_WINDOW, center=True, min_periods=_WINDOW // 2).median()
-    away = (series - median).abs().to_numpy(float)
-    sigma = max(
-        1.4826 * float(np.nanmedian(away)), _FLOOR * float(np.nanmax(values) - np.nanmin(values))
-    )
+    half = _WINDOW // 2
+    ends = np.pad(values, half, mode="reflect", reflect_type="odd")  # goes on as it came
+    running = pd.Series(ends).rolling(_WINDOW, center=True, min_periods=half).median()
+    away = np.abs(values - running.to_numpy(float)[half:-half])
+    good = values[np.isfinite(values)]
+    of_median = 1.4826 * float(np.nanmedian(away))  # too small alone: many are their own median
+    sigma = max(of_median, noise(good), _FLOOR * float(np.ptp(good)))
     far = away > limit * sigma
     return np.where(far, np.nan, values), int(far.sum())
 

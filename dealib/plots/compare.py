@@ -14,6 +14,8 @@ from dealib.plots.data import thinned
 from dealib.plots.labels import label, split
 from dealib.plots.style import save, theme
 
+_CURVES = 50  # branches whose computed curve is drawn
+
 
 def draw_comparison(
     comparisons: Sequence[Comparison],
@@ -45,7 +47,7 @@ def draw_comparison(
             above.plot(
                 c.x[few], c.measured[few], "o", ms=3.5, mfc="none", color="C1", label="measured"
             )
-            for number, curve in enumerate(c.curves):
+            for number, curve in enumerate(c.curves[:_CURVES]):
                 above.plot(*curve, color="C0", label=None if number else "computed")
             below.axhline(0, color="C1", lw=0.8)
             below.plot(c.x[few], (c.computed - c.measured)[few], ".", ms=4, color="C0")
@@ -55,6 +57,6 @@ def draw_comparison(
             above.set(ylabel=label(c.y_name))
             difference = "computed −\nmeasured" + (f" ({unit})" if unit else "")
             below.set(xlabel=label(c.x_name), ylabel=difference)
-            above.legend()
+            above.legend(loc="best" if len(c.x) < 1000 else "upper right")  # best is slow
         figure.align_ylabels(axes)
         save(figure, picture)
