@@ -62,11 +62,23 @@ def encodings(seed):
     made = Made(seed, columns=3)
     by, decimal = dialect(made)
     code, words = made.pick(
-        [("utf-8", "Größe"), ("utf-8-sig", "Größe"), ("utf-16", "Größe"), ("utf-16-le", "Größe"),
-         ("utf-16-be", "Größe"), ("cp1252", "Größe"), ("latin-1", "Kraft°"), ("cp850", "Größe"),
-         ("gb18030", "位移"), ("shift_jis", "変位"), ("utf-32", "Größe"), ("latin-1", "Effort"),
-         ("cp1252", "Prüfkraft"), ("utf-8", "力")]
-    )  # fmt: skip
+        [
+            ("utf-8", "Größe"),
+            ("utf-8-sig", "Größe"),
+            ("utf-16", "Größe"),
+            ("utf-16-le", "Größe"),
+            ("utf-16-be", "Größe"),
+            ("cp1252", "Größe"),
+            ("latin-1", "Kraft°"),
+            ("cp850", "Größe"),
+            ("gb18030", "位移"),
+            ("shift_jis", "変位"),
+            ("utf-32", "Größe"),
+            ("latin-1", "Effort"),
+            ("cp1252", "Prüfkraft"),
+            ("utf-8", "力"),
+        ]
+    )
     micro = made.pick("µμ") if "utf" in code else {"gb18030": "μ", "shift_jis": "μ"}.get(code, "µ")
     names = [("Zeit", "s"), ("Weg", f"{micro}m"), (words, "N")]
     heads = [f"{n} [{u}]" for n, u in names]
@@ -77,9 +89,23 @@ def encodings(seed):
 def delimiters(seed):
     made = Made(seed)
     by, decimal = made.pick(
-        [(",", "."), (";", ","), (";", "."), ("\t", ","), ("\t", "."), ("|", "."), ("|", ","),
-         ("   ", "."), ("  ", ","), (", ", "."), (" ; ", ","), ("\t ", "."), ('","', ","), ('","', ".")]
-    )  # fmt: skip
+        [
+            (",", "."),
+            (";", ","),
+            (";", "."),
+            ("\t", ","),
+            ("\t", "."),
+            ("|", "."),
+            ("|", ","),
+            ("   ", "."),
+            ("  ", ","),
+            (", ", "."),
+            (" ; ", ","),
+            ("\t ", "."),
+            ('","', ","),
+            ('","', "."),
+        ]
+    )
     rows = [made.heads(made.pick(["{} [{}]", "{} ({})", "{}_{}"])), *made.rows(decimal)]
     if by == '","':
         text = joined([['"' + by.join(r) + '"'] for r in rows], "")
@@ -98,10 +124,12 @@ def decimals(seed):
     made.columns[2] = np.round(made.columns[2] * 1e5, 2)  # and one with marks of both kinds
     digits = [0, 4, 2]
     rows = [
-        [f"{v:,.{d}f}".replace(",", "~").replace(".", decimal).replace("~", group)
-         for v, d in zip(row, digits, strict=True)]
+        [
+            f"{v:,.{d}f}".replace(",", "~").replace(".", decimal).replace("~", group)
+            for v, d in zip(row, digits, strict=True)
+        ]
         for row in zip(*made.columns, strict=True)
-    ]  # fmt: skip
+    ]
     text = joined([made.heads(), *rows], by)
     if by == '","':
         text = joined([['"' + by.join(r) + '"'] for r in [made.heads(), *rows]], "")
@@ -123,9 +151,22 @@ def unit_rows(seed):
 def header_units(seed):
     made = Made(seed)
     pattern = made.pick(
-        ["{} [{}]", "{} ({})", "{}({})", "{} / {}", "{}/{}", "{} in {}", "{}, {}", "{}_{}", "{} {}",
-         "{} <{}>", "{} {{{}}}", "{} (ch 1) [{}]", "  {}  [ {} ]"]
-    )  # fmt: skip
+        [
+            "{} [{}]",
+            "{} ({})",
+            "{}({})",
+            "{} / {}",
+            "{}/{}",
+            "{} in {}",
+            "{}, {}",
+            "{}_{}",
+            "{} {}",
+            "{} <{}>",
+            "{} {{{}}}",
+            "{} (ch 1) [{}]",
+            "  {}  [ {} ]",
+        ]
+    )
     by = made.pick([";", "\t"])
     expected = made.expected()
     if "ch 1" in pattern:
@@ -137,11 +178,24 @@ def metadata(seed):
     made = Made(seed)
     by, decimal = dialect(made)
     known = [
-        "Test report", f"Operator{by}A. Müller", f"Date{by}2024-05-06", "Specimen: 5\" strip",
-        f"Sample rate{by}1000{by}Hz", "Width = 10 mm", f"Load cell{by}{made.number(2.5, decimal)}{by}kN",
-        "==========", f"Temperature{by}23", "No. of cycles: 3", "----------", f"Gain{by}1{by}2",
-        "Comment: first try, see 3.2", f"Channels{by}2", "Serial,0815;x", f"{by}{by}", "Software 7.1",
-    ]  # fmt: skip
+        "Test report",
+        f"Operator{by}A. Müller",
+        f"Date{by}2024-05-06",
+        'Specimen: 5" strip',
+        f"Sample rate{by}1000{by}Hz",
+        "Width = 10 mm",
+        f"Load cell{by}{made.number(2.5, decimal)}{by}kN",
+        "==========",
+        f"Temperature{by}23",
+        "No. of cycles: 3",
+        "----------",
+        f"Gain{by}1{by}2",
+        "Comment: first try, see 3.2",
+        f"Channels{by}2",
+        "Serial,0815;x",
+        f"{by}{by}",
+        "Software 7.1",
+    ]
     lines = made.rng.permutation(known)[: int(made.rng.integers(1, len(known) + 1))]
     mark = made.pick(["", "", "# ", "% ", "// "])
     text = "".join(f"{mark}{line}\n" for line in lines) + (
@@ -167,14 +221,27 @@ def lvm(seed):
     if units:
         two.insert(0, ["Y_Unit_Label", *(u for _, u in channels)])
     head = [
-        ["LabVIEW Measurement"], ["Writer_Version", "2"], ["Reader_Version", "2"],
-        ["Separator", {"\t": "Tab", ",": "Comma"}[by]], ["Decimal_Separator", decimal],
-        ["Multi_Headings", "No"], ["X_Columns", of_x], ["Time_Pref", "Absolute"],
-        ["Operator", "lab"], ["Date", "2016/08/11"], ["Time", f"14:37:48{decimal}2"],
-        ["***End_of_Header***", ""], [""], ["Channels", "2", "", ""], ["Samples", str(n), str(n), ""],
-        ["Date", "2016/08/11", "2016/08/11"], ["Time", f"14:37:48{decimal}2", f"14:37:48{decimal}2"],
-        ["X_Dimension", "Time", "Time"], *two, ["***End_of_Header***", "", "", ""],
-    ]  # fmt: skip
+        ["LabVIEW Measurement"],
+        ["Writer_Version", "2"],
+        ["Reader_Version", "2"],
+        ["Separator", {"\t": "Tab", ",": "Comma"}[by]],
+        ["Decimal_Separator", decimal],
+        ["Multi_Headings", "No"],
+        ["X_Columns", of_x],
+        ["Time_Pref", "Absolute"],
+        ["Operator", "lab"],
+        ["Date", "2016/08/11"],
+        ["Time", f"14:37:48{decimal}2"],
+        ["***End_of_Header***", ""],
+        [""],
+        ["Channels", "2", "", ""],
+        ["Samples", str(n), str(n), ""],
+        ["Date", "2016/08/11", "2016/08/11"],
+        ["Time", f"14:37:48{decimal}2", f"14:37:48{decimal}2"],
+        ["X_Dimension", "Time", "Time"],
+        *two,
+        ["***End_of_Header***", "", "", ""],
+    ]
     rows = made.rows(decimal)
     names = [n for n, _ in channels]
     if of_x == "Multi":
@@ -324,11 +391,18 @@ def clocks(seed):
     by, decimal = made.pick([(",", "."), (";", ","), ("\t", ".")])
     step = made.pick([1.0, 0.5, 60.0, 0.001])
     start = datetime.datetime(2024, 5, 16, *made.pick([(10, 15, 48), (23, 59, 58), (9, 5, 0)]))
-    pattern, expected = made.pick(
-        [("%H:%M:%S.%f", 0), ("%Y-%m-%d %H:%M:%S.%f", 0), ("%d.%m.%Y %H:%M:%S.%f", 0),
-         ("%m/%d/%Y %I:%M:%S.%f %p", 0), ("%Y-%m-%dT%H:%M:%S.%fZ", 0), ("%Y/%m/%d %H:%M:%S.%f", 0),
-         ("watch", 0), ("minutes", 0)]
-    )  # fmt: skip
+    pattern = made.pick(
+        [
+            "%H:%M:%S.%f",
+            "%Y-%m-%d %H:%M:%S.%f",
+            "%d.%m.%Y %H:%M:%S.%f",
+            "%m/%d/%Y %I:%M:%S.%f %p",
+            "%Y-%m-%dT%H:%M:%S.%fZ",
+            "%Y/%m/%d %H:%M:%S.%f",
+            "watch",
+            "minutes",
+        ]
+    )
     seconds = step * np.arange(n)
     if pattern == "watch":
         texts = [f"{s // 3600:.0f}:{s % 3600 // 60:02.0f}:{s % 60:06.3f}" for s in seconds]
@@ -352,8 +426,28 @@ def overloads(seed):
     made = Made(seed)
     by, decimal = dialect(made)
     rows = made.rows(decimal)
-    words = ["", "", "NaN", "9.9E37", "9.90000E+37", "-9.9E+37", "OL", "OVLD", "Overload", "----", "-",
-             "#N/A", "n/a", "inf", "-INF", "1.#QNAN", "####", "9.91E+37", "#DIV/0!", "Over Range"]  # fmt: skip
+    words = [
+        "",
+        "",
+        "NaN",
+        "9.9E37",
+        "9.90000E+37",
+        "-9.9E+37",
+        "OL",
+        "OVLD",
+        "Overload",
+        "----",
+        "-",
+        "#N/A",
+        "n/a",
+        "inf",
+        "-INF",
+        "1.#QNAN",
+        "####",
+        "9.91E+37",
+        "#DIV/0!",
+        "Over Range",
+    ]
     for _ in range(int(made.rng.integers(1, 4))):
         i, j = int(made.rng.integers(len(rows))), int(made.rng.integers(1, len(rows[0])))
         rows[i][j] = made.pick(words).replace(".", decimal)
@@ -402,8 +496,12 @@ def oscilloscopes(seed):
         made.pick(["tek", "keysight", "rigol", "lecroy", "rs", "tek2"]),
     )
     if maker == "tek":
-        side = [["Record Length", "2.5e3", ""], ["Sample Interval", "4e-6", ""], ["Vertical Units", "V", ""],
-                ["Source", "CH1", ""]]  # fmt: skip
+        side = [
+            ["Record Length", "2.5e3", ""],
+            ["Sample Interval", "4e-6", ""],
+            ["Vertical Units", "V", ""],
+            ["Source", "CH1", ""],
+        ]
         rows = [
             [*(side[i] if i < len(side) else ["", "", ""]), *row, ""] for i, row in enumerate(rows)
         ]
@@ -419,7 +517,8 @@ def oscilloscopes(seed):
         head = f"X,CH1,Start,Increment\nSequence,VOLT,0.000000e+00,{t[1]:.6e}\n"
         return "r.csv", (head + joined(rows, ",")).encode(), {"time [s]": t, "CH1 [VOLT]": v}
     if maker == "lecroy":
-        head = "LECROYWR64Xi,32344,Waveform\nSegments,1,SegmentSize,30\nSegment,TrigTime,TimeSinceSegment1\n"
+        head = "LECROYWR64Xi,32344,Waveform\nSegments,1,SegmentSize,30\n"
+        head += "Segment,TrigTime,TimeSinceSegment1\n"
         head += "#1,10-Mar-2010 12:34:56,0\nTime,Ampl\n"
         return "C1.csv", (head + joined(rows, ",")).encode(), {"Time": t, "Ampl": v}
     return (
@@ -432,7 +531,23 @@ def oscilloscopes(seed):
 FAMILIES = {
     f.__name__: f
     for f in (
-        encodings, delimiters, decimals, unit_rows, header_units, metadata, lvm, comsol, origin, bluehill,
-        digitiser, spreadsheet, mat, clocks, overloads, minuses, trailing, oscilloscopes,
+        encodings,
+        delimiters,
+        decimals,
+        unit_rows,
+        header_units,
+        metadata,
+        lvm,
+        comsol,
+        origin,
+        bluehill,
+        digitiser,
+        spreadsheet,
+        mat,
+        clocks,
+        overloads,
+        minuses,
+        trailing,
+        oscilloscopes,
     )
-}  # fmt: skip
+}
