@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import openpyxl
 import pytest
 from laboratory import FAMILIES
 
@@ -105,6 +106,38 @@ READ = {
     ),
     "mojibake": ("x [Âµm];F [N]\n1;2\n3;4\n", {"x [Âµm]": [1, 3], "F [N]": [2, 4]}),
     "repaired by zeros": ("U [kV],u [mm]\n0.5,-1.25\n1,-1.5\n1.5,-2\n\0\0\0\0", MM),
+    "a scanner's times": (
+        "t,u [mm]\n05/06/2024 10:11:12:250,1\n05/06/2024 10:11:13:000,-FFFFFFF\n"
+        "05/06/2024 10:11:13:250,3\n",
+        {"t [s]": [0, 0.75, 1], "u [mm]": pytest.approx([1, np.nan, 3], nan_ok=True)},
+    ),
+    "PicoScope": (
+        "Time,Channel A,Channel B\n(ms),(V),(mV)\n\n0.0,1.5,2\n0.1,2.5,-∞\n0.2,3.5,1\n",
+        {
+            "Time [ms]": [0, 0.1, 0.2],
+            "Channel A [V]": [1.5, 2.5, 3.5],
+            "Channel B [mV]": pytest.approx([2, np.nan, 1], nan_ok=True),
+        },
+    ),
+    "MTS TestSuite": (
+        "MTS793|BTW|ENU|1|2|.|/|:|1|0|0|A\n\nData Acquisition: Timed\tTime: 12.5 Sec\n"
+        "Station Name: one\n\nAxial Displacement\tAxial Force\tRunning Time\nmm\tN\ts\n"
+        "0.1\t1.5\t0\n0.2\t2.5\t1\n",
+        {
+            "Axial Displacement [mm]": [0.1, 0.2],
+            "Axial Force [N]": [1.5, 2.5],
+            "Running Time [s]": [0, 1],
+        },
+    ),
+    "a rheometer": (
+        "Test:\tone\n\nInterval data:\tPoint No.\tTime\tStrain\n\t\t[s]\t[%]\n\t1\t0,5\t12,5\n"
+        "\t2\t1,5\t13,5\n",
+        {"Point No.": [1, 2], "Time [s]": [0.5, 1.5], "Strain [%]": [12.5, 13.5]},
+    ),
+    "numpy.savetxt": (
+        "# time [s] force [N]\n1.5e+00 2.5e+00\n2.5e+00 3.5e+00\n",
+        {"time [s]": [1.5, 2.5], "force [N]": [2.5, 3.5]},
+    ),
     "date and time apart": (
         "Date Time U\n2024-05-06 23:59:59 1.5\n2024-05-07 00:00:01 2.5\n",
         {"Date [s]": [0, 86400], "Time [s]": [0, 2], "U": [1.5, 2.5]},
@@ -172,6 +205,10 @@ REFUSED = {
         "t,u [mm]\n05/06/2024 23:59:59,1\n06/06/2024 00:00:01,2\n",
         ": column 't': '05/06/2024 23:59:59' may begin with the day or the month",
     ),
+    "a blank cell between blanks": (
+        "t  U  F\n1  2  3\n2     4\n3  4  5\n",
+        ":3: 2 values for 3 columns",
+    ),
     "some cells with a unit": (
         "t [s];U [V]\n1;900 mV\n2;1.25\n3;1.5\n",
         ": column 'U [V]': some cells have a unit, others have none",
@@ -223,6 +260,17 @@ def test_what_is_chosen_resolves_what_is_refused(tmp_path):
     assert found.columns[0].name == "Сила"
     with pytest.raises(ConfigError, match="unknown encoding 'utf-99', such as utf-8 or cp1252"):
         read(tmp_path / "data.csv", Format(encoding="utf-99"))
+
+
+def test_percent_of_a_spreadsheet_is_what_it_shows(tmp_path):
+    book = openpyxl.Workbook()
+    book.active.append(["Time [s]", "Strain [%]", "Damage [%]"])
+    for i in range(3):
+        book.active.append([i, 0.125 * i, 2.0 * i])
+        book.active.cell(i + 2, 2).number_format = "0.0%"
+    book.save(tmp_path / "a.xlsx")
+    found = content(read(tmp_path / "a.xlsx"))
+    assert found == {"Time [s]": [0, 1, 2], "Strain [%]": [0, 12.5, 25], "Damage [%]": [0, 2, 4]}
 
 
 def test_no_file_is_read_without_end(tmp_path):

@@ -80,7 +80,7 @@ def _spreadsheet(path: Path, data: bytes, wanted: Format) -> Table:
         named = ", ".join(map(repr, found))
         raise ConfigError(f"{path}: tables in the sheets {named}: choose with format.sheet")
     ((name, flags),) = found.items()
-    return _sheet(path, name, sheets[name], flags, wanted)
+    return _sheet(path, data, name, sheets[name], flags, wanted)
 
 
 def _flags(rows: list[list[Any]]) -> tuple[Any, Any]:
@@ -95,7 +95,12 @@ def _flags(rows: list[list[Any]]) -> tuple[Any, Any]:
 
 
 def _sheet(
-    path: Path, name: str, rows: list[list[Any]], flags: tuple[Any, Any], wanted: Format
+    path: Path,
+    data: bytes,
+    name: str,
+    rows: list[list[Any]],
+    flags: tuple[Any, Any],
+    wanted: Format,
 ) -> Table:
     import pandas as pd
 
@@ -114,6 +119,8 @@ def _sheet(
             for i, column in enumerate(zip(*body, strict=True))
         }
     )
+    for i in _percentages(data, name, above, int(at[0])):
+        frame[i] *= 100
     try:
         words = [[c for c in frame[i] if isinstance(c, str)] for i in frame.columns]
         decimal = wanted.decimal or decimal_mark(words) or "."
@@ -122,6 +129,18 @@ def _sheet(
     header = f"header in row {start}" if above else "no header"
     notes = [f"sheet {name!r}", header, f"{len(frame)} rows from row {start + 1} on", *told]
     return assemble(path, above, frame, decimal, lambda row: f"row {at[max(row, 0)] + 1}", notes)
+
+
+def _percentages(data: bytes, sheet: str, above: list[list[str]], row: int) -> list[int]:
+    """Columns in percent whose cells show 12 % for 0.12."""
+    columns = [i for texts in above for i, text in enumerate(texts) if "%" in text]
+    if not columns or not data.startswith(_ZIP):
+        return []
+    import openpyxl
+
+    book = openpyxl.load_workbook(io.BytesIO(data), read_only=True)
+    cells = next(book[sheet].iter_rows(min_row=row + 1, max_row=row + 1))
+    return [i for i in columns if "%" in (cells[i].number_format or "")]
 
 
 def _texts(row: list[Any]) -> list[str]:

@@ -26,20 +26,20 @@ _NUMBER = re.compile(_EITHER)
 _WITH_UNIT = re.compile(rf"({_EITHER})\s*([^\W\d_%°µμ]*[a-zA-Z%°µμΩ][\w/%°^²*]*)")
 _PARTS = re.compile(
     r"(?P<date>(?P<a>\d{1,4})(?P<by>[./-])(?P<b>\d{1,2})[./-](?P<c>\d{1,4}))?(?:T|,?\s*)"
-    r"(?:(?P<h>\d{1,3}):(?P<m>\d\d)(?::(?P<s>\d\d))?(?P<rest>[.,]\d+)?"
+    r"(?:(?P<h>\d{1,3}):(?P<m>\d\d)(?::(?P<s>\d\d))?(?P<rest>[.,]\d+|:\d{3})?"
     r"\s?(?:(?P<half>[AaPp])\.?[Mm]\.?)?(?:\s?Z|\s?[+-]\d\d:?\d\d)?)?"
 )
-_CLOCK = r"\d{1,3}:\d{2}(?::\d{2})?(?:[.,]\d+)?(?:\s?[AaPp]\.?[Mm]\.?)?"
+_CLOCK = r"\d{1,3}:\d{2}(?::\d{2})?(?:[.,]\d+|:\d{3})?(?:\s?[AaPp]\.?[Mm]\.?)?"
 _DATE = r"\d{1,4}[./-]\d{1,2}[./-]\d{1,4}"
 _TIME = re.compile(rf"(?:{_DATE}(?:T|,?\s))?{_CLOCK}(?:\s?Z|\s?[+-]\d\d:?\d\d)?|{_DATE}")
 _MISSING = re.compile(
-    r"|\.|[-–—]+|\*+|\?|[+-]?nan(\(\w*\))?|n/?a|n\.a\.?|<na>|null|none|nil|nd|n\.d\.|"
+    r"|[-–—.]+|\*+|\?|[+-]?nan(\(\w*\))?|n/?a|n\.a\.?|<na>|null|none|nil|nd|n\.d\.|"
     r"missing|invalid|no data|#(n/a|nv|na|div/0!|value!|wert!|ref!|num!|zahl!)|-?1[.,]#(ind|qnan)",
     re.IGNORECASE,
 )
 _OVERLOAD = re.compile(
     r"[+-]?(o\.?l|0l|ovl|ovf|ovld|ovrld|ovrflw|over|overload|overflow|over[ -]?range|out of range|"
-    r"inf|infinity|∞|1[.,]#inf|#{2,}|>+|<+)\.?",
+    r"inf|infinity|∞|1[.,]#inf|f{4,}|#{2,}|>+|<+)\.?",
     re.IGNORECASE,
 )
 _LARGEST = 9.9e18  # instruments write 9.9E37, 9.99999E19, 1E38 for what they cannot measure
@@ -226,7 +226,7 @@ def _times(given: npt.NDArray[np.object_], rows: npt.NDArray[np.intp], unit: str
             known[date] = _days(a, by, b, c)
         if h:
             fields = 3 if s else 2
-            parts[k] = int(h), int(m), int(s or 0), float(rest.replace(",", ".")) if rest else 0
+            parts[k] = int(h), int(m), int(s or 0), float("." + rest[1:]) if rest else 0
             half[k] = 0 if am is None else 1 + (am in "Pp")
         dates.append(date)
         good.append(k)

@@ -11,7 +11,7 @@ from dealib.units import factor
 Header = tuple[str, str]  # name, unit
 
 _BRACKETS = re.compile(r"\[([^\[\]]*)\]|\(([^()]*)\)|\{([^{}]*)\}|<([^<>]*)>")
-_APART = re.compile(r"^(?:in\s+|(.*?[^\s/,])(?:\s*[/,]\s*|\s+in\s+|\s+))(\S+)$")  # U / kV, U in kV
+_APART = re.compile(r"^(?:in\s+|(.*?[^\s/,])(\s*[/,]\s*|\s+in\s+|\s+))(\S+)$")  # U / kV, U in kV
 _NO_UNITS = {"min", "max", "step", "steps", "in"}  # words that end names of columns
 _NONE = {"", "-", "--", "1", "[]", "none", "dimensionless", "n/a", "unitless", "./."}
 _CLOCK = re.compile(r"(hh?:)?(mm?|min):ss?([.,]\w+)?|hh?:(mm?|min)", re.IGNORECASE)
@@ -53,9 +53,9 @@ def parted(name: str) -> Header:
     if brackets and brackets[-1][0].group().startswith("[") and name.endswith("]"):
         return name[: brackets[-1][0].start()].strip(), brackets[-1][1].strip()
     apart = _APART.match(name)
-    if apart and _ends(apart[2]):
-        return apart[1] or "", apart[2]
-    parts = name.replace(" ", "_").split("_")
+    if apart and _ends(apart[3]) and not (apart[2] == " " and re.fullmatch("[^NVsm]", apart[3])):
+        return apart[1] or "", apart[3]  # 'Channel A' is no ampere
+    parts = name.split("_")
     for k in range(1, len(parts)):
         unit = "_".join(parts[k:]).replace("_per_", "/")
         if _ends(unit):
@@ -141,7 +141,10 @@ def headers(rows: Sequence[Sequence[str]], columns: int) -> list[Header]:
     found = [parted(c) for c in table[at]] if table else [("", "")] * columns
     if units is not None:
         bare = [u.strip("[](){}<> ") for u in table[units]]
-        found = [(name, u or old) for (name, old), u in zip(found, bare, strict=True)]
+        found = [
+            (old[0] if not u or "[" in cell or "(" in cell else cell, u or old[1])
+            for old, u, cell in zip(found, bare, table[at], strict=True)
+        ]
     others = [r for i, r in enumerate(table) if i not in (at, units)]
     for row in reversed(others):
         names = [name for name, _ in found if name]

@@ -372,14 +372,20 @@ def _frame(
     except (pd.errors.ParserError, pd.errors.ParserWarning):
         frame = None
     if frame is None or frame[width].notna().any():
-        raise _too_long(path, lines, span, delimiter, width)
+        fault = _misfit(path, lines, span, delimiter, width)
+        raise fault or ConfigError(f"{path}: the rows cannot be read as a table")
+    short = delimiter == " " and frame[width - 1].isna().any()
+    if short and (fault := _misfit(path, lines, span, delimiter, width, shorter=True)):
+        raise fault  # which of its cells is blank is not to be seen
     return frame.drop(columns=width)
 
 
-def _too_long(path: Path, lines: Lines, span: tuple[int, int], by: str, width: int) -> ConfigError:
-    """An error that names the first line with more cells than columns."""
+def _misfit(
+    path: Path, lines: Lines, span: tuple[int, int], by: str, width: int, shorter: bool = False
+) -> ConfigError | None:
+    """An error that names the first line with more cells than columns, or also with fewer."""
     for i in range(*span):
-        cells = split(lines[i], by)
-        if len(cells) > width and not _COMMENT.match(lines[i]):
+        cells = [] if _COMMENT.match(lines[i]) else split(lines[i], by)
+        if len(cells) > width or (shorter and 0 < len(cells) < width):
             return ConfigError(f"{path}:{i + 1}: {len(cells)} values for {width} columns")
-    return ConfigError(f"{path}: the lines from {span[0] + 1} on cannot be read as a table")
+    return None
