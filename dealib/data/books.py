@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import datetime
 import io
+import subprocess
+import sys
 import zipfile
-from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,15 +15,16 @@ import numpy as np
 from dealib.config.source import did_you_mean
 from dealib.data.cells import Ambiguous, decimal_mark
 from dealib.data.decode import LARGEST
+from dealib.data.lines import choose, is_row
+from dealib.data.matfile import HDF5
 from dealib.data.names import parted
 from dealib.data.table import Column, Table, assemble
-from dealib.data.text import choose, is_row
 from dealib.errors import ConfigError
 
 if TYPE_CHECKING:
     from dealib.data.schema import Format
 
-_ZIP, _OLE, _HDF5 = b"PK\x03\x04", b"\xd0\xcf\x11\xe0", b"\x89HDF"
+_ZIP, _OLE = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
 _OTHERS = {
     b"TDSm": "a TDMS file of LabVIEW: save it as LVM or as text",
     b"\x1f\x8b": "a compressed file: unpack it",
@@ -47,8 +49,8 @@ def read_book(path: Path, data: bytes, wanted: Format) -> Table | None:
             raise ConfigError(f"{path}: {what}")
     if data.startswith((_ZIP, _OLE)):
         return _spreadsheet(path, data, wanted)
-    if data.startswith((b"MATLAB", _HDF5)) or path.suffix.lower() == ".mat":
-        return _mat(path, data, wanted)
+    if data.startswith((b"MATLAB", HDF5)) or path.suffix.lower() == ".mat":
+        return _mat(path, wanted)
     return None
 
 
@@ -157,11 +159,15 @@ def _plain(cell: Any) -> Any:
     return float(cell)
 
 
-def _mat(path: Path, data: bytes, wanted: Format) -> Table:
-    try:
-        arrays = dict(_flattened(_variables(data)))
-    except Exception as error:  # damaged files fail in many ways
-        raise ConfigError(f"{path}: cannot be read as a MAT file: {error}") from None
+def _mat(path: Path, wanted: Format) -> Table:
+    # in a process of its own: scipy crashes on some damaged files
+    command = [sys.executable, "-m", "dealib.data.matfile", str(path)]
+    done = subprocess.run(command, capture_output=True, check=False)
+    if done.returncode:
+        said = done.stderr.decode(errors="replace").strip().splitlines()[-1:]
+        raise ConfigError(f"{path}: cannot be read as a MAT file: {(said or ['damaged'])[0]}")
+    with np.load(io.BytesIO(done.stdout), allow_pickle=False) as stored:
+        arrays = {str(name): stored[f"arr_{i}"] for i, name in enumerate(stored["names"])}
     columns: dict[int, list[Column]] = {}
     for name, values in arrays.items():
         if wanted.sheet is not None and wanted.sheet not in (name, name.split(".")[0]):
@@ -189,38 +195,3 @@ def _mat(path: Path, data: bytes, wanted: Format) -> Table:
     left = sum(len(others) for n, others in columns.items() if n != rows)
     told = [f"{left} of other lengths left out"] if left else []
     return Table(path, tuple(found), ("MAT file", f"{rows} rows", *told))
-
-
-def _variables(data: bytes) -> Mapping[str, Any]:
-    if data.startswith(_HDF5) or data[512:516] == _HDF5:  # of version 7.3
-        import h5py
-
-        def tree(group: Any) -> dict[str, Any]:
-            found: dict[str, Any] = {}
-            for name, node in group.items():
-                if isinstance(node, h5py.Group):
-                    found[name] = {} if name == "#refs#" else tree(node)
-                elif node.attrs.get("MATLAB_class", b"double") != b"char" and node.shape:
-                    found[name] = np.asarray(node[()]).T
-            return found
-
-        with h5py.File(io.BytesIO(data), "r") as file:
-            return tree(file)
-    import scipy.io
-
-    return dict(scipy.io.loadmat(io.BytesIO(data), simplify_cells=True))
-
-
-def _flattened(node: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """All real vectors and matrices of nested structures, by dotted names."""
-    if isinstance(node, Mapping):
-        for key, value in node.items():
-            if not key.startswith("__"):
-                yield from _flattened(value, f"{name}.{key}" if name else key)
-    elif isinstance(node, list) or (isinstance(node, np.ndarray) and node.dtype == object):
-        for i, value in enumerate(node, start=1):
-            yield from _flattened(value, f"{name}({i})")
-    elif isinstance(node, np.ndarray) and node.dtype.kind in "fiu":
-        values = np.squeeze(np.asarray(node, dtype=float))
-        if values.ndim in (1, 2) and len(values) > 1:
-            yield name, values

@@ -145,7 +145,7 @@ def convert(cells: pd.Series[Any], decimal: str, unit: str = "") -> Cells:
 
     empty = np.asarray(cells.isna())
     values, faults, units = np.full(len(cells), np.nan), [], dict[str, float]()
-    plain = np.ones(len(cells), dtype=bool)
+    plain, grouped, other = np.ones(len(cells), dtype=bool), False, ",."[decimal == ","]
     if cells.dtype.kind in "fiub":
         values = cells.to_numpy(float, copy=True)
     else:
@@ -167,6 +167,7 @@ def convert(cells: pd.Series[Any], decimal: str, unit: str = "") -> Cells:
             found = strict.fullmatch(text)
             if found and (not found[2] or is_unit(found[2])):
                 values[row] = float(_normal(found[1], decimal))
+                grouped = grouped or bool(re.search(rf"\d[{other}\s'’]\d", found[1]))
                 if found[2]:
                     plain[row] = False
                     suffix = spelt(found[2])
@@ -185,7 +186,8 @@ def convert(cells: pd.Series[Any], decimal: str, unit: str = "") -> Cells:
     counts = int(empty.sum()), int(over.sum())
     if units and (values[plain][np.isfinite(values[plain])] != 0).any():
         raise Ambiguous("some cells have a unit, others have none")
-    return Cells(values, *counts, tuple(faults), next(iter(units), ""), text=words)
+    note = "thousands marks taken out" if grouped else ""
+    return Cells(values, *counts, tuple(faults), next(iter(units), ""), note, words)
 
 
 def _strict(decimal: str) -> re.Pattern[str]:
@@ -213,7 +215,7 @@ def _times(given: npt.NDArray[np.object_], rows: npt.NDArray[np.intp], unit: str
     """Seconds of clock times or dates: a stop watch's as written, others from the first row."""
     parts, half, good = np.zeros((len(rows), 4)), np.zeros(len(rows), dtype=int), []
     faults, dates, known = [], [], dict[str, tuple[int | None, int | None]]()
-    fields = 3
+    fields, dated = 3, bool(re.match(_DATE, str(given[rows[0]]).strip(' "')))
     for k, row in enumerate(rows.tolist()):
         text = str(given[row]).strip(' "')
         found = _PARTS.fullmatch(text)
@@ -222,6 +224,9 @@ def _times(given: npt.NDArray[np.object_], rows: npt.NDArray[np.intp], unit: str
                 faults.append((row, text))
             continue
         date, a, by, b, c, h, m, s, rest, am = found.groups()
+        if bool(date) != dated:
+            faults.append((row, text))
+            continue
         if date and date not in known:
             known[date] = _days(a, by, b, c)
         if h:

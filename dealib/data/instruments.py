@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,11 +35,12 @@ class Hints:
         """Header and cells with what the hints add: units, and times that are not written."""
         if self.channels and above:
             return self._lvm(above[-1], frame)
-        names = [c.lower() for c in above[0]] if len(above) > 1 else []
-        if "increment" in names and "start" in names:  # Rigol: the first column counts
-            first, step = (float(above[1][names.index(n)]) for n in ("start", "increment"))
-            frame[0] = first + step * np.arange(len(frame))
-            units = ["s", *(u if not _is_number(u) else "" for u in above[1][1:])]
+        named = (
+            dict(zip((c.lower() for c in above[0]), above[1], strict=False)) if above[1:] else {}
+        )
+        if {"start", "increment"} <= set(named):  # Rigol: the first column counts
+            frame[0] = _steps(named["start"], named["increment"], frame)
+            units = ["s", *("" if np.isfinite(_number(u)) else u for u in above[1][1:])]
             return [["time", *above[0][1:]], units], frame
         return above, frame
 
@@ -52,13 +54,9 @@ class Hints:
                 heads.append(f"{name} [{unit}]" if unit else name)
                 continue
             heads.append("time [s]" if in_time else name)
-            if frame[i].isna().all() and "Delta_X" in self.channels:
-                mark = self.decimal or "."
-                first, step = (
-                    float(self.channels.get(k, ["0"])[0].replace(mark, "."))
-                    for k in ("X0", "Delta_X")
-                )
-                frame[i] = first + step * np.arange(len(frame))
+            if frame[i].isna().all() and self.channels.get("Delta_X"):
+                step = self.channels["Delta_X"][0]
+                frame[i] = _steps(self.channels.get("X0", ["0"])[0], step, frame)
         return [heads], frame
 
 
@@ -77,9 +75,13 @@ def hints(lines: Sequence[str]) -> Hints:
     return Hints(by, decimal, found, ends[min(1, len(ends) - 1)] + 1 if ends else 0)
 
 
-def _is_number(text: str) -> bool:
+def _steps(first: str, step: str, frame: pd.DataFrame) -> npt.NDArray[np.float64]:
+    return _number(first) + _number(step) * np.arange(len(frame))
+
+
+def _number(text: str) -> float:
+    """A number with either decimal mark; NaN if it is none."""
     try:
-        float(text)
+        return float(text.replace(",", "."))
     except ValueError:
-        return False
-    return True
+        return float("nan")
