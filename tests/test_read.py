@@ -134,6 +134,11 @@ READ = {
         "\t2\t1,5\t13,5\n",
         {"Point No.": [1, 2], "Time [s]": [0.5, 1.5], "Strain [%]": [12.5, 13.5]},
     ),
+    "Origin with labels of rows": (
+        "\tA\tB\nLong Name\tTime\tForce\nUnits\ts\tN\nComments\t\t\nF(x)=\t\t\n1\t0.5\t2.5\n"
+        "2\t1.5\t3.5\n",
+        {"column 1": [1, 2], "Time [s]": [0.5, 1.5], "Force [N]": [2.5, 3.5]},
+    ),
     "numpy.savetxt": (
         "# time [s] force [N]\n1.5e+00 2.5e+00\n2.5e+00 3.5e+00\n",
         {"time [s]": [1.5, 2.5], "force [N]": [2.5, 3.5]},

@@ -155,7 +155,7 @@ def _plain(cell: Any) -> Any:
         minutes, seconds = divmod(cell.total_seconds(), 60)
         return f"{minutes // 60:.0f}:{minutes % 60:02.0f}:{seconds:09.6f}"
     if isinstance(cell, str | datetime.date | datetime.time):
-        return str(cell).strip() or None
+        return str(cell).strip().replace("−", "-") or None
     return float(cell)
 
 

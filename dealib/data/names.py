@@ -15,6 +15,7 @@ _APART = re.compile(r"^(?:in\s+|(.*?[^\s/,])(\s*[/,]\s*|\s+in\s+|\s+))(\S+)$")  
 _NO_UNITS = {"min", "max", "step", "steps", "in"}  # words that end names of columns
 _NONE = {"", "-", "--", "1", "[]", "none", "dimensionless", "n/a", "unitless", "./."}
 _CLOCK = re.compile(r"(hh?:)?(mm?|min):ss?([.,]\w+)?|hh?:(mm?|min)", re.IGNORECASE)
+_LABEL = re.compile(r"(long name|short name|units?|comments?|f\(x\)=?)[:=]?", re.IGNORECASE)
 _SPELT = {  # what laboratories write -> what units are called here
     "Âµ": "u", "µ": "u", "\u03bc": "u", "²": "^2", "³": "^3", "·": "*", "⋅": "*", "\u03a9": "ohm",
     "\u2126": "ohm", "Â°": "°", "℃": "°C", "−": "-", "⁻¹": "^-1",
@@ -136,6 +137,8 @@ def headers(rows: Sequence[Sequence[str]], columns: int) -> list[Header]:
     as the names of curves side by side. What has no name is 'column 3'.
     """
     table = [[*(c.strip() for c in row), *[""] * columns][:columns] for row in rows]
+    table = [["" if _LABEL.fullmatch(row[0]) else row[0], *row[1:]] for row in table if any(row)]
+    table = [row for row in table if any(row)]
     units = next((i for i in range(len(table) - 1, 0, -1) if _are_units(table, i)), None)
     at = len(table) - 1 if units is None else units - 1
     found = [parted(c) for c in table[at]] if table else [("", "")] * columns

@@ -117,7 +117,7 @@ def _above(
             )
         found.insert(0, cells)
         last = last or first + 1
-        if len(found) == 4:
+        if len(found) == 6:
             break
     return found, last
 
