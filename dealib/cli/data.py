@@ -32,7 +32,6 @@ def show(
     from dealib.plots import style
 
     picture = out or Path(f"{file.stem}-data.png")
-    style.check_target(picture, style.FORMATS, overwrite or out is None)
     table = read(file, chosen(file, {}, settings).format)
     if not table.columns:
         raise ConfigError(f"{file}: no column of numbers")
@@ -40,6 +39,7 @@ def show(
     typer.echo("\n".join([table.account, *described(table)]))
     others = [c for c in table.columns if c.header != abscissa.header][:_DRAWN]
     if others:
+        style.check_target(picture, style.FORMATS, overwrite)
         from dealib.plots.data import draw_columns
 
         with style.theme(dark) as look:
