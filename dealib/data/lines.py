@@ -15,6 +15,7 @@ from dealib.data.cells import kind
 from dealib.errors import ConfigError
 
 Flags = npt.NDArray[np.bool_]
+Ints = npt.NDArray[np.int64]
 
 DELIMITERS = {"\t": "tab", ";": "';'", "|": "'|'", ",": "','", " ": "blanks"}
 COMMENT = re.compile(r"\s*(?:#(?!N/A|DIV|VALUE|WERT|REF|NUM|NAME|NULL|ZAHL)|%|//|!|\*\*)+\s*")
@@ -164,9 +165,7 @@ def choose(
     return largest[0], largest[1], told
 
 
-def without_notes(
-    lines: Lines, rows: npt.NDArray[np.int64], delimiter: str
-) -> npt.NDArray[np.int64]:
+def without_notes(lines: Lines, rows: Ints, delimiter: str) -> Ints:
     """Rows without those at both ends that have words where their neighbours have numbers."""
 
     def noted(row: int, neighbour: int, first_only: bool) -> bool:

@@ -7,7 +7,7 @@ import io
 import re
 import warnings
 from collections.abc import Iterator, Sequence
-from itertools import zip_longest
+from itertools import pairwise, zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +20,7 @@ from dealib.data.lines import (
     COMMENT,
     DELIMITERS,
     Flags,
+    Ints,
     Lines,
     choose,
     find_delimiter,
@@ -65,7 +66,8 @@ def read_text(path: Path, data: bytes, wanted: Format, notes: Sequence[str]) -> 
     above, last = _above(path, lines, start, delimiter, width, widest)
     decimal = wanted.decimal or fixed.decimal
     if decimal is None:
-        _refuse_split_decimals(path, start, delimiter, sample, above)
+        if delimiter == "," and not above and '"' not in lines[start]:
+            _refuse_two_readings(path, lines, at, sample)
         decimal = _decimal(path, lines, (start, stop), delimiter, sample)
     frame = _frame(path, lines, (start, stop), delimiter, decimal, widest, rows)
     told = [
@@ -99,10 +101,11 @@ def _above(
         bare = text[mark.end() :] if mark else text
         if _opens(bare, delimiter):
             raise ConfigError(f"{path}:{first + 1}: a quote is opened and never closed")
-        options = [split(bare, d) for d in (delimiter, *DELIMITERS)]
-        options.append(re.split(r"\s{2,}", bare.strip()))
-        fits = [c for c in options if width <= len(c) <= widest]
-        cells = fits[0] if fits else options[0]
+        cells = split(bare, delimiter)
+        if len(cells) == 1 or delimiter == " ":  # the header may be parted by something else
+            options = [cells, *(split(bare, d) for d in DELIMITERS)]
+            options.append(re.split(r"\s{2,}", bare.strip()))
+            cells = next((c for c in options if width <= len(c) <= widest), cells)
         while len(cells) > widest and (not cells[-1] or cells[-1] == "Comment"):
             cells.pop()
         if all(kind(c) == "missing" for c in cells):  # a rule of dashes
@@ -158,19 +161,26 @@ def _decimal(
         raise ConfigError(f"{path}: {error}; say which with format.decimal") from None
 
 
-def _refuse_split_decimals(
-    path: Path, start: int, delimiter: str, sample: Sequence[Sequence[str]], above: list[list[str]]
-) -> None:
-    """Refuse '0,25,-2,27' without headers, which is two numbers or four."""
-    n = len(sample[0])
-    if above or delimiter != "," or n % 2 or {len(row) for row in sample} != {n}:
-        return
-    if all(re.fullmatch(r"-?\d+", c) for row in sample for c in row) and not any(
-        c[0] == "-" for row in sample for c in row[1::2]
-    ):
+def _refuse_two_readings(path: Path, lines: Lines, rows: Ints, sample: Sequence[list[str]]) -> None:
+    """Refuse rows without headers whose commas may part columns, mark decimals or thousands.
+
+    Such are '0,25,-2,27', '0,25, -2,27' and '1.5,2,418.5' among rows of other lengths.
+    """
+    widths = {len(row) for row in sample}
+    whole = all(re.fullmatch(r"[+-]?\d*", c) for row in sample for c in row)
+    texts = (lines[i] for i in rows[:2000].tolist())
+    mixed = any(re.search(r"\d,\s", t) and re.search(r"\d,\d", t) for t in texts)
+    columns = list(zip_longest(*sample, fillvalue=""))
+    grouped = any(  # 3,132.5 or 3 and 132.5
+        all(re.fullmatch(r"[+-]?[1-9]\d{0,2}", c) for c in first)
+        and all(re.fullmatch(r"\d{3}(\.\d*)?", c) for c in second)
+        for first, second in pairwise(columns)
+    )
+    if whole or mixed or grouped or len(widths) > 1:
+        shown = lines[int(rows[0])].strip()[:40]
         raise ConfigError(
-            f"{path}:{start + 1}: {n} whole numbers or {n // 2} with decimal commas; say which "
-            "with format.decimal '.', or export with another delimiter"
+            f"{path}:{rows[0] + 1}: the commas of {shown!r} may part columns, or some of them mark "
+            "decimals or thousands; say which with format.decimal '.', or add a line of headers"
         )
 
 
