@@ -277,7 +277,9 @@ def test_what_is_missing_of_one_curve_is_kept_of_the_other(tmp_path):
 
 def test_time_is_no_curve_over_something_else(tmp_path):
     text = "time [s],displacement [mm],force [N]\n0,-1,1\n1,-2,2\n"
-    assert chosen(tmp_path, text, x="displacement").curves == ["force_N"]
+    found = chosen(tmp_path, text, x="displacement")
+    assert found.curves == ["force_N"]
+    assert list(found.columns) == ["displacement_mm", "time_s", "force_N"]  # for who needs them
     assert chosen(tmp_path, text).curves == ["displacement_mm", "force_N"]
     with pytest.raises(ConfigError, match="a curve needs two columns, x and y, that are no times"):
         chosen(tmp_path, text, x="displacement", ignore=("force [N]",))

@@ -31,7 +31,7 @@ class Measured:
     Attributes:
         path: The file.
         x: Name of the column that is the abscissa.
-        columns: Values of each column (points,); those of curves are NaN where there is none.
+        columns: Values of each column (points,), x first; NaN where one but x has none.
         account: How the file was read, what was taken and what was done to it, in one line.
         turn: Least retreat of the abscissa that begins a new branch; None: by its noise.
     """
@@ -44,8 +44,8 @@ class Measured:
 
     @property
     def curves(self) -> list[str]:
-        """Names of the columns that are curves over the abscissa."""
-        return [name for name in self.columns if name != self.x]
+        """Names of the columns that are curves over the abscissa; times are none."""
+        return [name for name in self.columns if name not in (self.x, TIME)]
 
     @property
     def points(self) -> int:
@@ -169,7 +169,7 @@ def _prepared(
 
 
 def _curves(path: Path, columns: Columns, x: str) -> Columns:
-    """The columns without rows that have no point; time is a curve over nothing but itself."""
+    """The columns without rows that have no point."""
     curves = {n: v for n, v in columns.items() if n not in (x, TIME)}
     if not curves:
         raise ConfigError(f"{path}: a curve needs two columns, x and y, that are no times")
@@ -179,4 +179,4 @@ def _curves(path: Path, columns: Columns, x: str) -> Columns:
     for name, values in curves.items():
         if not np.isfinite(values[kept]).any():
             raise ConfigError(f"{path}: {name} has no number in any row that has {x}")
-    return {x: columns[x][kept], **{n: v[kept] for n, v in curves.items()}}
+    return {x: columns[x][kept], **{n: v[kept] for n, v in columns.items() if n != x}}
