@@ -76,7 +76,7 @@ def hints(lines: Sequence[str]) -> Hints:
 
 
 def _steps(first: str, step: str, frame: pd.DataFrame) -> npt.NDArray[np.float64]:
-    return _number(first) + _number(step) * np.arange(len(frame))
+    return np.asarray(_number(first) + _number(step) * np.arange(len(frame)), dtype=np.float64)
 
 
 def _number(text: str) -> float:
