@@ -251,6 +251,8 @@ def test_cases_that_do_not_converge_are_stepped_around(tmp_path):
          "8:12: data.0.stage: the program has no such stage; it has prestrain, push, actuate"),
         ("    sigma", "    stages: pull\n    sigma",
          "8:5: data.0.stages: unknown key; did you mean 'stage'?"),
+        ("    sigma", "    columns: {displacement: F, force: F}\n    sigma",
+         "8:39: data.0.columns.force: 'F' is displacement already; a column is one quantity"),
         ("name: line", "name: a b",
          "1:7: name: use letters, digits, '_', '-', '.' and '+' only"),
     ],
@@ -280,6 +282,30 @@ def test_bad_sigma(tmp_path, old, new, expected):
     with pytest.raises(ConfigError) as error:
         search(plan)
     assert str(error.value).splitlines()[0] == f"{Path(tmp_path) / 'fit.yaml'}:{expected}"
+
+
+def test_data_are_prepared_and_their_reading_is_told(tmp_path):
+    """Counted the other way round, from another zero, with a cell that is missing."""
+    keys = """
+    x: displacement
+    columns: {displacement: "Weg [um]", force: "Kraft [mN]"}
+    prepare: {displacement: {sign: -1, offset: 50 um}, force: {sign: -1, offset: -7 mN}}
+    sigma"""
+    plan = line_fit(tmp_path, text=FIT.replace("\n    sigma", keys))
+    u = np.linspace(0.05, 1, 20)
+    force = 2 * u + 3 * u**2
+    rows = "".join(
+        f"{i};{50 - 1e3 * a:.6f};{-7 - 1e3 * F:.6f}\n"
+        for i, (a, F) in enumerate(zip(u, force, strict=True))
+    )
+    data = "Nr;Weg;Kraft\n;um;mN\n" + rows.replace(".", ",") + "20;1,0;\n"
+    (tmp_path / "data.csv").write_text(data, encoding="utf-16")
+    told = []
+    fitted = run_search(plan, Lines(), told.append)
+    assert told[0].startswith("data.csv: UTF-16; columns parted by ';'; decimal mark ','; ")
+    assert told[0].endswith("; force_N plus -7 mN; 1 row without a point left out")
+    assert fitted.points == 20
+    assert [e.value for e in fitted.estimates] == pytest.approx([2, 3], rel=1e-4)
 
 
 def test_foreign_directory_is_left_alone(tmp_path, monkeypatch, capsys):

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -15,7 +16,7 @@ import pytest
 
 import dealib
 from dealib import versions
-from dealib.cases.cache import Cache
+from dealib.cases.cache import DONE, FAILED, Cache
 from dealib.cases.workers import Pool, Watcher
 from dealib.errors import ConfigError
 from dealib.study import sample, sweep
@@ -625,3 +626,17 @@ def test_physics_of_the_thesis(tmp_path):
     assert changes[f"{falls}thickness at rest, neo-Hookean"] < 0
     assert changes[f"{falls}thickness at rest, Mooney-Rivlin"] < 0
     assert changes[f"{falls}energy, neo-Hookean"] < 1e-3
+
+
+def test_the_comparison_is_over_the_cases_that_are_solved_and_says_so():
+    def status(label, reached):
+        return SimpleNamespace(status=reached, case=SimpleNamespace(label=label))
+
+    results = object.__new__(Results)
+    text = 'Between {min(u):.2f} and {max(u):.2f} mm, {of(u, "a"):.1f} to {of(u, "c"):.1f}.'
+    results.study = SimpleNamespace(comparison=text)
+    results.statuses = (status("a", DONE), status("b", DONE), status("c", FAILED))
+    results.values = {"u": np.array([-2.75, -1.25, np.nan])}
+    assert results.comparison == ("Between -2.75 and -1.25 mm, -2.8 to nan. (2 of 3 cases.)")
+    results.statuses = (status("a", FAILED),)
+    assert results.comparison == "No case is solved."

@@ -12,7 +12,8 @@ import numpy as np
 from dealib.calibration.cases import Cases, History
 from dealib.calibration.schema import Plan
 from dealib.data.compare import Comparison, compare
-from dealib.data.measured import Array, Measured, read, split_unit
+from dealib.data.measured import Array, Measured, measured
+from dealib.data.names import split_unit
 from dealib.errors import ConfigError, NotConverged
 
 _FAILED = 1e3  # residual, in standard deviations, of a case that does not converge
@@ -155,7 +156,7 @@ class Objective:
     def _residual(self, index: int, history: History | NotConverged) -> Array:
         measured, sigma = self.data[index], self.sigma[index]
         if isinstance(history, NotConverged):
-            return np.full(len(measured.curves) * len(measured.columns[measured.x]), _FAILED)
+            return np.full(measured.points, _FAILED)
         weight = self.plan.fit.data[index].weight
         parts = [
             weight * (c.computed - c.measured) / sigma[c.y_name]
@@ -168,9 +169,10 @@ class Objective:
         return compare(history, self.data[index], self.plan.fit.data[index].stage, extrapolate=True)
 
     def _read(self, index: int, history: History) -> Measured:
-        data = self.plan.fit.data[index]
         numeric = [name for name, values in history.items() if values.dtype.kind in "fi"]
-        return read(self.plan.files[index], numeric, data.columns, data.x)
+        found = measured(self.plan.files[index], numeric, self.plan.fit.data[index])
+        self.progress(found.account)
+        return found
 
     def _sigma(self, index: int, measured: Measured) -> dict[str, float]:
         quantities = {split_unit(name)[0]: name for name in measured.curves}
@@ -181,7 +183,8 @@ class Objective:
                 raise ConfigError(self.plan.source.message(where, problem, "key"))
         found = {}
         for quantity, name in quantities.items():
-            spread = float(np.ptp(measured.columns[name])) or 1.0
+            values = measured.columns[name]
+            spread = float(np.nanmax(values) - np.nanmin(values)) or 1.0
             found[name] = self.plan.sigma(index, quantity, split_unit(name)[1], spread)
         return found
 
@@ -200,7 +203,7 @@ def run_search(plan: Plan, cases: Cases, progress: Callable[[str], None]) -> Fit
     """
     objective = Objective(plan, cases, progress)
     method = plan.fit.method
-    points = sum(len(m.curves) * len(m.columns[m.x]) for m in objective.data)
+    points = sum(m.points for m in objective.data)
     if points <= len(objective.keys):
         raise ConfigError(
             f"{plan.source.path}: {points} data points are too few for "

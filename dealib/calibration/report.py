@@ -13,7 +13,7 @@ import numpy as np
 
 from dealib.calibration.fit import Fitted
 from dealib.config import resolved
-from dealib.data.measured import split_unit
+from dealib.data.names import split_unit
 from dealib.files import write_text
 
 Table = tuple[Sequence[str], list[Sequence[str]]]

@@ -5,23 +5,18 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import Any, Literal
 
-from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+from pydantic import Field, model_validator
 
 from dealib.config import Case, load
 from dealib.config.messages import validate
 from dealib.config.names import FilePath, Name
 from dealib.config.section import Section
 from dealib.config.source import Source
+from dealib.data.schema import Amount, Selection
 from dealib.errors import ConfigError, ValueAt
-from dealib.units import convert, split
-
-if TYPE_CHECKING:
-    Amount: TypeAlias = tuple[float, str]
-else:
-    _WRITTEN = {"anyOf": [{"type": "number"}, {"type": "string"}]}
-    Amount = Annotated[tuple[float, str], BeforeValidator(split), WithJsonSchema(_WRITTEN)]
+from dealib.units import convert
 
 
 def _fault(amount: tuple[float, str], unit: str) -> str:
@@ -74,15 +69,9 @@ class Parameter(Section):
         return f"{value!r} {self.unit}".strip()
 
 
-class Data(Section):
-    """Measured curves, and the part of a run that they belong to."""
+class Data(Selection):
+    """Measured curves, the part of a run that they belong to, and what they count."""
 
-    file: FilePath = Field(min_length=1, description="CSV file, beside this one")
-    stage: str | None = Field(None, description="stage of the program; default the whole run")
-    x: str | None = Field(None, description="quantity of the abscissa; default the first column")
-    columns: dict[str, str] | None = Field(
-        None, description="header in the file by quantity, such as force: 'Load cell [N]'"
-    )
     set: dict[str, Any] = Field({}, description="keys of the config that differ for these data")
     sigma: dict[str, Amount] = Field(
         {}, description="standard deviation of the noise by quantity; default 1 % of its range"

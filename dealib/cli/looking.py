@@ -34,16 +34,67 @@ def info(run: RunDirectory) -> None:
 @app.command()
 def compare(
     run: RunDirectory,
-    data: Annotated[Path, typer.Argument(metavar="DATA", help="CSV, headers such as force [mN]")],
+    data: Annotated[list[Path], typer.Argument(metavar="DATA...", help="text, spreadsheet, MAT")],
     stage: Annotated[str | None, typer.Option(help="compare with this stage only")] = None,
+    x: Annotated[
+        str | None, typer.Option("-x", metavar="QUANTITY", help="abscissa; default first column")
+    ] = None,
+    column: Annotated[
+        list[str] | None,
+        typer.Option(metavar="QUANTITY=HEADER", help="such as force='Load [N]'; repeat for more"),
+    ] = None,
+    ignore: Annotated[
+        list[str] | None, typer.Option(metavar="HEADER", help="leave this column out")
+    ] = None,
+    set: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="a key of a fit's data, such as prepare.force.sign=-1 or format.decimal=,",
+        ),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="picture: PNG, SVG or PDF")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the picture")] = False,
 ) -> None:
-    """Compare a run with measured curves: RMSE, R2 and a picture."""
+    """Compare a run with measured curves: RMSE, R2 and a picture.
+
+    Headers such as force [mN] name the quantity and its unit. How a file was read is told in one
+    line; `dealib data FILE` shows more. All keys of --set: configs/fits/REFERENCE.md, data.
+    """
     from dealib.cli.compare import compare_run
+    from dealib.errors import ConfigError
     from dealib.results.reader import Run
 
-    compare_run(Run(run), data, stage, out, overwrite)
+    columns = dict(c.partition("=")[::2] for c in column or [])
+    if "" in columns.values():
+        raise ConfigError("--column: expected QUANTITY=HEADER, such as force='Load [N]'")
+    given = {"stage": stage, "x": x, "columns": columns or None, "ignore": ignore or ()}
+    compare_run(Run(run), data, given, set or [], out, overwrite)
+
+
+@app.command()
+def data(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="text, spreadsheet or MAT file")],
+    set: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="such as format.decimal=, or format.encoding, delimiter, sheet, table",
+        ),
+    ] = None,
+    x: Annotated[
+        str | None, typer.Option("-x", metavar="HEADER", help="abscissa; default first column")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="picture; default NAME-data.png")] = None,
+    dark: Dark = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Show what is read from a measured file: how, which columns, and a picture of them."""
+    from dealib.cli.data import show
+
+    show(file, set or [], x, out, dark, overwrite)
 
 
 @app.command()
