@@ -25,6 +25,12 @@ faces is l1 dW/dl1 - eps e^2 in its plane.
 | `tube`, `balloon` | thick tube; spherical balloon, thick and thin, with its motion |
 | `unimorph` | bending of two layers |
 | `wrinkling` | loss of tension, natural width, sheared strip in tension-field theory |
+| `frequencies` | membranes, rigid plates in them, a cantilever |
+| `oscillator` | one degree of freedom, generalised-alpha method |
+| `capacitor` | two strips in the plane: homogeneous, infinite sheet, finite slab |
+| `line` | resistive electrodes, with the driver's resistance |
+| `sound` | baffled piston of any profile |
+| `chamber` | gas in a chamber with an orifice |
 """
 
 EPS0 = 8.8541878128e-6  # N/kV^2
