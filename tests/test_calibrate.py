@@ -134,8 +134,12 @@ def line_fit(folder, noise_seed=None, text=FIT, modulus=2.0, permittivity=3.0):
     return Plan(folder / "fit.yaml")
 
 
-def search(plan):
+def fit(plan):
     return run_search(plan, Lines(), lambda line: None)
+
+
+def search(plan):
+    return fit(plan).found
 
 
 def test_exact_data_give_the_exact_values(tmp_path):
@@ -169,15 +173,18 @@ def test_errors_are_those_of_linear_least_squares(tmp_path):
 
 def test_profile_agrees_with_covariance_where_the_model_is_linear(tmp_path):
     plain = search(line_fit(tmp_path, 1))
-    profile = search(line_fit(tmp_path, 1, FIT + "method: {profile: true}\n"))
+    profile = search(line_fit(tmp_path, 1, FIT + "method: {intervals: profile}\n"))
     for a, b in zip(plain.estimates, profile.estimates, strict=True):
         assert (b.low, b.high) == pytest.approx((a.low, a.high), rel=1e-3)
 
 
 def test_bounds_are_kept_and_told(tmp_path):
-    fitted = search(line_fit(tmp_path, text=FIT.replace("max: 9", "max: 2.5")))
-    assert 2.49 < fitted.estimates[1].value <= 2.5
-    assert any("relative_permittivity is at its bound" in r for r in report.remarks(fitted))
+    fitted = fit(line_fit(tmp_path, text=FIT.replace("max: 9", "max: 2.5")))
+    assert 2.49 < fitted.found.estimates[1].value <= 2.5
+    assert report.headline(fitted) == (
+        "NO SUCCESS: At its bound (widen it, or take the parameter out): "
+        "materials.film.relative_permittivity."
+    )
 
 
 def test_points_that_the_run_does_not_reach_are_told(tmp_path):
@@ -185,9 +192,9 @@ def test_points_that_the_run_does_not_reach_are_told(tmp_path):
     (tmp_path / "data.csv").write_text(
         "displacement [mm],force [N]\n0.5,1.75\n1,5\n1.5,8.98\n2,12.96\n"
     )
-    told = report.remarks(search(plan))
+    told = report.remarks(fit(plan))
     assert "data.csv, force_N: the run does not reach 2 of 4 points" in " ".join(told)
-    assert not any("does not reach" in r for r in report.remarks(search(line_fit(tmp_path))))
+    assert not any("does not reach" in r for r in report.remarks(fit(line_fit(tmp_path))))
 
 
 def test_cases_that_do_not_converge_are_stepped_around(tmp_path):
@@ -262,7 +269,7 @@ def test_bad_fit(tmp_path, old, new, expected):
          "8:20: data.0.sigma.force: expected a unit such as 'N'; '10' has no unit"),
         ("{force: 10 mN}", "{force: 0 mN}", "8:20: data.0.sigma.force: must be above 0"),
         ("{force: 10 mN}", "{farce: 1 N}",
-         "8:13: data.0.sigma.farce: no curve of this file; it has force"),
+         "8:13: data.0.sigma.farce: no curve of this file; it has displacement, force"),
     ],
 )  # fmt: skip
 def test_bad_sigma(tmp_path, old, new, expected):

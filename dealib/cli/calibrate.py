@@ -5,13 +5,16 @@ from __future__ import annotations
 import os
 import shutil
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
-from dealib.calibration.cases import Cases
-from dealib.calibration.schema import Plan
-from dealib.errors import ConfigError, PlatformError
+from dealib.config.source import Source
+from dealib.errors import ConfigError, NotConverged, PlatformError
 from dealib.results.store import write_text
+
+if TYPE_CHECKING:
+    from dealib.calibration.report import Fitted
 
 FIT, CASES = "fit.yaml", "cases"
 
@@ -19,29 +22,65 @@ FIT, CASES = "fit.yaml", "cases"
 def run_fit(
     path: Path, out: Path | None, jobs: int | None, *, resume: bool, overwrite: bool
 ) -> None:
-    """Run a fit and print its report.
+    """Run a fit of a config, or of tests of a material, and print its report.
 
     Raises:
         ConfigError: If the fit or the options are wrong, or its directory exists.
+        NotConverged: If the fit is no success; its report is there.
     """
     if resume and overwrite:
         raise ConfigError("--overwrite and --resume exclude each other")
+    fit = _fit_coupon if "tests" in Source(path).tree else _fit_config
+    fit(path, out, jobs, resume, overwrite)
+
+
+def _fit_config(path: Path, out: Path | None, jobs: int | None, resume: bool, over: bool) -> None:
+    from dealib.calibration.schema import Plan
+
     plan = Plan(path)
     directory = out or Path(plan.fit.directory)
-    _prepare(directory, resume=resume, overwrite=overwrite)
-    write_text(directory / FIT, plan.source.text)
+    _prepare(directory, plan.source.text, resume=resume, overwrite=over)
     wanted = len(plan.fit.data) * (len(plan.fit.parameters) + 1)
     processes = jobs or min(len(os.sched_getaffinity(0)), wanted)
+    from dealib.calibration.cases import Cases
     from dealib.calibration.fit import run_search
-    from dealib.calibration.report import as_text, write_report
 
     with Cases(directory / CASES, processes) as cases:
         fitted = run_search(plan, cases, typer.echo)
+    _tell(fitted, directory)
+
+
+def _fit_coupon(path: Path, out: Path | None, jobs: int | None, resume: bool, over: bool) -> None:
+    from dealib.calibration.coupon_data import CouponPlan
+    from dealib.calibration.coupon_fit import run_coupon
+    from dealib.calibration.report import failures
+    from dealib.config.library import add, read_library
+
+    plan = CouponPlan(path)
+    name, library = plan.coupon.material_name, plan.library
+    if library is not None and library.exists() and name in read_library(library) and not over:
+        raise ConfigError(
+            f"{library} has a material {name!r}; --overwrite it, or give output.material"
+        )
+    directory = out or Path(plan.coupon.directory)
+    _prepare(directory, plan.source.text, resume=resume, overwrite=over)
+    fitted = run_coupon(plan, typer.echo)
+    if library is not None and not failures(fitted.found):
+        write_text(library, add(library, name, fitted.material or {}))
+        typer.echo(f"{library}: {name}")
+    _tell(fitted, directory)
+
+
+def _tell(fitted: Fitted, directory: Path) -> None:
+    from dealib.calibration.report import as_text, failures, write_report
+
     write_report(fitted, directory)
     typer.echo(f"\n{as_text(fitted)}\n\n{directory / 'report.html'}")
+    if failed := failures(fitted.found):
+        raise NotConverged(f"{fitted.name}: the fit is no success: {' '.join(failed)}")
 
 
-def _prepare(directory: Path, *, resume: bool, overwrite: bool) -> None:
+def _prepare(directory: Path, fit: str, *, resume: bool, overwrite: bool) -> None:
     if directory.exists() and any(directory.iterdir() if directory.is_dir() else [directory]):
         if not (resume or overwrite):
             raise ConfigError(
@@ -56,3 +95,4 @@ def _prepare(directory: Path, *, resume: bool, overwrite: bool) -> None:
         (directory / CASES).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise PlatformError(f"cannot make {directory}: {error.strerror}") from None
+    write_text(directory / FIT, fit)

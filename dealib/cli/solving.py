@@ -82,7 +82,7 @@ def init(
 def schema(
     out: Annotated[Path | None, typer.Option(help="file; default: print")] = None,
     reference: Annotated[bool, typer.Option("--reference", help="page of all keys")] = False,
-    of: Annotated[str, typer.Option(help="config, study or fit")] = "config",
+    of: Annotated[str, typer.Option(help="config, study, fit or coupon")] = "config",
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the file")] = False,
 ) -> None:
     """Print the JSON schema of configs, studies or fits, for editors, or a page of all keys."""
@@ -134,7 +134,7 @@ def calibrate(
     resume: Annotated[bool, typer.Option("--resume", help="use the cases solved before")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier fit")] = False,
 ) -> None:
-    """Fit parameters of a config to measured curves."""
+    """Fit parameters of a config, or a material to tests of it, to measured curves."""
     from dealib.cli.calibrate import run_fit
 
     run_fit(fit, out, jobs, resume=resume, overwrite=overwrite)
