@@ -27,8 +27,8 @@ FILLED = coupon.Material(
 
 def stress(material, mode, time, stretch, at):
     """Stretches and nominal stresses, MPa, at times along a polyline of stretches."""
-    t, l = coupon.refined(time, stretch)
-    fine = np.interp(np.linspace(0, len(t) - 1, 8 * len(t) - 7), np.arange(len(t)), t)
+    t, l, _ = coupon.refined(time, stretch, coupon.FINE)
+    fine = np.interp(np.linspace(0, len(t) - 1, 4 * len(t) - 3), np.arange(len(t)), t)
     path = coupon.Path(mode, fine, np.interp(fine, t, l))
     (P,) = coupon.stresses(path, [material])
     return np.interp(at, fine, path.stretch), np.interp(at, fine, P)

@@ -140,6 +140,8 @@ class CouponPlan:
             found[STRETCH] = sigma.get(stretch_name, 0.0)
         measured = Measured(file, name, {name: x, STRESS: stress})
         own = (test.file, measured, found, test.weight)
+        wanted = self.coupon.material
+        step = coupon.FINE if wanted.mullins or wanted.permanent_set else coupon.STEP
         if timed:
             if held is not None:
                 end = max(float(x[-1]), 2 * held.ramp)
@@ -150,12 +152,12 @@ class CouponPlan:
                 problem = f"{file.name} starts at the stretch {stretch[0]:.4g}: give relaxation: "
                 problem += "{stretch: .., ramp: ..} if it was held there, or data from 1 on"
                 raise self._error(index, "file", problem)
-            t, l, _ = coupon.refined(*corners)
+            t, l, _ = coupon.refined(*corners, step)
             at, last = np.interp(x, t, np.arange(len(t))), np.full(len(x), len(t) - 1)
             return Specimen(*own, coupon.Path(test.mode, t, l), at, 0 * last, last)
         driven, rows = turns(stretch, found[STRETCH])
         given = list(test.path) or driven
-        t, l, states = coupon.refined(*_driven(given, test.rate))
+        t, l, states = coupon.refined(*_driven(given, test.rate), step)
         at, first, last = np.empty(len(x)), np.empty(len(x), int), np.empty(len(x), int)
         ways, own_ways, k = np.sign(np.diff(given)), np.sign(np.diff(driven))[-len(rows) :], 0
         for row, end, way in zip(rows, [*rows[1:], len(x)], own_ways, strict=True):
@@ -239,7 +241,7 @@ def turns(stretch: Array, sigma: float = 0.0) -> tuple[list[float], list[int]]:
             before, after = np.arange(row - n, row), np.arange(row + 1, row + n + 1)
             (a, b), (c, d) = (np.polyfit(r - row, stretch[r], 1) for r in (before, after))
             at = float(np.clip((d - b) / (a - c), -1, 1)) if a != c else 0.0
-            row = int(np.floor(row + at))
+            row = int(np.floor(row + at + 1e-6))
             if sigma > 0:
                 reach = 4 * sigma + max(abs(a), abs(c))  # between two rows
                 end = float(np.clip(b + a * at, end - reach, end + reach))

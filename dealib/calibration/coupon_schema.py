@@ -13,6 +13,7 @@ from dealib.config.schema import Name
 from dealib.config.section import Section
 from dealib.config.source import did_you_mean
 from dealib.errors import ValueAt
+from dealib.materials.coupon import MODES
 from dealib.materials.laws import LAWS
 from dealib.materials.permittivity import RelativePermittivity
 from dealib.units import Length, Rate, Stress, Time, list_of
@@ -62,6 +63,13 @@ class Test(Section):
         "range and none of the stretch",
     )
     weight: float = Field(1.0, gt=0, description="factor on the residuals of this test")
+
+    @field_validator("mode", mode="before")
+    @classmethod
+    def _mode(cls, mode: object) -> object:
+        if mode not in MODES:  # the nearest word to biaxial is uniaxial
+            raise ValueError(f"{mode!r} is not allowed; one of {', '.join(MODES)}")
+        return mode
 
     @model_validator(mode="after")
     def _one_clock(self) -> Test:

@@ -41,14 +41,18 @@ def check_reach(series: Series, history: History) -> None:
         curves = compare(history, moved, series.stage, extrapolate=True)
         if inside(curves[0]) >= 0.9 and np.ptp(fitting) > 0.2 * np.ptp(reached):
             against = [split_unit(c.y_name)[0] for c in curves if mirrored(c)]
-            hint = f"; {change} {inside(curves[0]):.0%} would".replace("%", " %")
+            hint = f"; {change} {_percent(inside(curves[0]))} would lie inside"
             hint += "".join(f", and {q} then has the opposite sign too" for q in against)
             break
     raise ConfigError(
-        f"{measured.path}: {share:.0%} of the points lie inside the run, which is too few to fit: "
-        f"{name} spans {x.min():.6g} .. {x.max():.6g} {unit}, the run's "
-        f"{reached.min():.6g} .. {reached.max():.6g} {unit}{hint}".replace("% ", " % ")
+        f"{measured.path}: {_percent(share)} of the points lie inside the run: {name} spans "
+        f"{x.min():.6g} .. {x.max():.6g} {unit}, the run's "
+        f"{reached.min():.6g} .. {reached.max():.6g} {unit}{hint}"
     )
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
 
 
 def mirrored(comparison: Comparison) -> bool:

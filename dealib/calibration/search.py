@@ -357,15 +357,16 @@ def unseen(task: Task, J: Array, numbers: Array) -> list[str]:
     found = []
     for error, change in directions(J, scale):
         if error > 0.1:
+            change = change * np.sign(change[np.argmax(np.abs(change) > 0.05)])
             parts = [
                 f"{_short(key, task.free)} {value:+.0%}".replace("%", " %")
                 for key, value in zip(task.free, 0.1 * change, strict=True)
                 if abs(value) >= 0.005
             ]
-            together = " together" if len(parts) > 1 else ""
+            together = " together move" if len(parts) > 1 else " moves"
             found.append(
-                f"{', '.join(parts)}{together} moves the curves by {0.1 / error:.2g} standard "
-                "deviations in all: the data hardly see it."
+                f"{', '.join(parts)}{together} the curves by {0.1 / error:.2g} standard deviations "
+                "in all: the data hardly see it."
             )
     return found
 
@@ -401,31 +402,23 @@ def _estimates(
     ends = np.stack([numbers - reach, numbers + reach], axis=1)
     ranges = np.array([free.range for free in task.free.values()])
     bent = _bent(objective, numbers, ends, ranges, J, float(result.chisqr))
-    profile = np.isfinite(errors) & (len(errors) > 1) & (task.intervals != "linear")
-    if task.intervals == "auto":
-        profile &= bent
-    for i in np.flatnonzero(profile):
-        ends[i] = _profile(minimizer, result, i, errors, found, task.confidence)
-        bent[i] = False
+    low, high = ranges.T
+    spread = np.where(np.isfinite(high - low), high - low, 1.0)
+    at_bound = np.minimum(numbers - low, high - numbers) < _NEAR * spread
+    opened = ~np.isfinite(reach) | ((ends[:, 0] <= low) & (ends[:, 1] >= high))
+    if len(errors) > 1 and not np.any(at_bound | opened):  # else there is nothing to refine
+        wanted = {"linear": [], "auto": np.flatnonzero(bent), "profile": range(len(errors))}
+        for i in wanted[task.intervals]:
+            ends[i] = _profile(minimizer, result, i, errors, found, task.confidence)
+            bent[i] = False
     estimates = []
     for i, (key, free) in enumerate(task.free.items()):
-        low, high = np.clip(ends[i], *ranges[i])
-        spread = np.ptp(ranges[i]) if np.isfinite(ranges[i]).all() else 1.0
-        estimates.append(
-            Estimate(
-                key=key,
-                unit=free.unit,
-                value=(value := free.outer(numbers[i])),
-                error=float(errors[i] * (value if free.log else 1))
-                if reach[i] < np.inf
-                else np.nan,
-                low=free.outer(low),
-                high=free.outer(high),
-                bound=bool(np.min(np.abs(numbers[i] - ranges[i])) < _NEAR * spread),
-                open=bool(not reach[i] < np.inf or (low, high) == tuple(ranges[i])),
-                bent=bool(bent[i]),
-            )
-        )
+        value = free.outer(numbers[i])
+        error = float(errors[i]) * (value if free.log else 1.0)
+        first, last = (free.outer(end) for end in np.clip(ends[i], low[i], high[i]))
+        flags = (bool(at_bound[i]), bool(opened[i]), bool(bent[i]))
+        shown = error if np.isfinite(error) else float("nan")
+        estimates.append(Estimate(key, free.unit, value, shown, first, last, *flags))
     return estimates
 
 
@@ -466,6 +459,6 @@ def _profile(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # an interval without an end is told by us
         found_ends = lmfit.conf_interval(
-            minimizer, result, p_names=[name], sigmas=[level], prob_func=probability
+            minimizer, result, p_names=[name], sigmas=[level], prob_func=probability, maxiter=20
         )[name]
     return float(found_ends[0][1]), float(found_ends[-1][1])

@@ -8,16 +8,19 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from pydantic import Field, RootModel, field_validator
+from pydantic import Field, RootModel, TypeAdapter, ValidationError, field_validator
 from ruamel.yaml import YAML
 
-from dealib.config.messages import validate
+from dealib.config.materials import ElectrodeMaterial, FilmProperties
+from dealib.config.messages import in_file, problem, validate
 from dealib.config.schema import Config, Name
 from dealib.config.section import Section
 from dealib.config.source import Source, did_you_mean
 from dealib.errors import ConfigError, ValueAt
 from dealib.materials.laws import LAWS
 from dealib.materials.published import OWN, Entry
+
+_LAW = TypeAdapter[Any](ElectrodeMaterial)
 
 
 class Own(Section):
@@ -32,6 +35,12 @@ class Own(Section):
     def _lawful(cls, values: dict[str, Any]) -> dict[str, Any]:
         if values.get("law") not in LAWS:
             raise ValueAt(("law",), f"expected a law{did_you_mean(values.get('law'), LAWS)}")
+        of_the_film = FilmProperties.model_fields
+        try:
+            _LAW.validate_python({k: v for k, v in values.items() if k not in of_the_film})
+        except ValidationError as error:
+            item = error.errors()[0]
+            raise ValueAt(in_file(item, values), problem(item)) from None
         return values
 
 

@@ -20,7 +20,8 @@ Array = npt.NDArray[np.float64]
 
 # exponent of the second stretch, and number of directions that are loaded
 MODES = {"uniaxial": (-0.5, 1), "equal-biaxial": (1.0, 2), "pure shear": (0.0, 1)}
-_STEP = 0.02  # of the logarithmic stretch
+STEP = 0.02  # of the logarithmic stretch
+FINE = 0.005  # the same where the stress has kinks, by softening
 _RAMP, _HOLD = 8, 60  # fewest steps of a ramp; steps of a hold
 
 
@@ -47,13 +48,14 @@ class Path:
 
 
 def refined(
-    time: Sequence[float], stretch: Sequence[float]
+    time: Sequence[float], stretch: Sequence[float], step: float = STEP
 ) -> tuple[Array, Array, npt.NDArray[np.intp]]:
     """Steps along straight pieces: even ones where the stretch changes, ever longer ones in holds.
 
     Args:
         time: Times of the corners; infinite ones mean equilibrium.
         stretch: Stretches there.
+        step: Largest one of the logarithmic stretch.
 
     Returns:
         Times and stretches, (states,), and which states are the corners.
@@ -65,7 +67,7 @@ def refined(
         if strain < 1e-3 and not many:
             share = np.expm1(np.linspace(0, 7, _HOLD + 1)[1:]) / np.expm1(7)
         else:
-            n = max(1 if many else _RAMP, int(np.ceil(strain / _STEP)))
+            n = max(1 if many else _RAMP, int(np.ceil(strain / step)))
             share = np.arange(1, n + 1) / n
         times.append(t0 + share * (t1 - t0) if t1 < np.inf else np.full(len(share), np.inf))
         stretches.append(l0 + share * (l1 - l0))
