@@ -407,8 +407,10 @@ def _estimates(
     at_bound = np.minimum(numbers - low, high - numbers) < _NEAR * spread
     opened = ~np.isfinite(reach) | ((ends[:, 0] <= low) & (ends[:, 1] >= high))
     if len(errors) > 1 and not np.any(at_bound | opened):  # else there is nothing to refine
-        wanted = {"linear": [], "auto": np.flatnonzero(bent), "profile": range(len(errors))}
-        for i in wanted[task.intervals]:
+        every = task.intervals == "profile"
+        for i in range(len(errors)) if task.intervals != "linear" else ():
+            if not (every or bent[i]):
+                continue
             ends[i] = _profile(minimizer, result, i, errors, found, task.confidence)
             bent[i] = False
     estimates = []
