@@ -9,7 +9,7 @@ from dealib.materials import coupon
 from dealib.materials.laws import LAWS
 
 FITS = Path(__file__).parent.parent / "configs" / "fits"
-SEED = 2011
+SEED = 2012
 
 SILICONE = coupon.Material(
     LAWS["gent"], SimpleNamespace(shear_modulus=0.25, j_lim=14.0, bulk_modulus=0.0)

@@ -79,16 +79,16 @@ def test_branches_follow_their_differential_equation(evolution):
         l = (c / a + 2 * d / b) / 3
         return [(c - l * a) / tau, (d - l * b) / tau]
 
-    times, stretches, corners = coupon.refined([0, 2, 3.5], [1, 2, 1.25])
-    assert stretches[corners].tolist() == [1, 2, 1.25]
-    path = coupon.Path("uniaxial", times, stretches)
     law = SimpleNamespace(shear_modulus=0.0, bulk_modulus=0.0)
     material = coupon.Material(LAWS["neo_hookean"], law, evolution, ((G, tau),))
-    (found,) = coupon.stresses(path, [material])
-    solved = solve_ivp(rate, (0, 3.5), [1, 1], t_eval=times, rtol=1e-9, atol=1e-9, max_step=0.02)
-    a, b = solved.y if evolution == "network" else 1 / solved.y
-    expected = G * (stretches * a - b / stretches**2)
-    assert found == pytest.approx(expected, abs=2e-4 * expected.max())
+    for step, tolerance in ((0.02, 5e-4), (0.005, 5e-4 / 16)):  # of second order
+        times, stretches, corners = coupon.refined([0, 2, 3.5], [1, 2, 1.25], step)
+        assert stretches[corners].tolist() == [1, 2, 1.25]
+        (found,) = coupon.stresses(coupon.Path("uniaxial", times, stretches), [material])
+        exact = solve_ivp(rate, (0, 3.5), [1, 1], t_eval=times, rtol=1e-9, atol=1e-9, max_step=0.02)
+        a, b = exact.y if evolution == "network" else 1 / exact.y
+        expected = G * (stretches * a - b / stretches**2)
+        assert found == pytest.approx(expected, abs=tolerance * expected.max())
 
 
 def test_without_time_branches_are_relaxed():
@@ -289,9 +289,8 @@ def test_example_finds_law_and_values(tmp_path, monkeypatch, capsys):
     config = tmp_path / "device.yaml"
     config.write_text((FITS.parent / "membrane.yaml").read_text())
     shown = (out / "material.yaml").read_text()
-    film = dealib.load(
-        config, set={"materials.film": shown.split("film:")[1]}
-    ).config.materials.film
+    loaded = dealib.load(config, set={"materials.film": shown.split("film:")[1]}).config
+    film = loaded.materials.film
     assert (film.law, film.relative_permittivity) == ("gent", 2.8)
     assert film.values.shear_modulus == pytest.approx(0.25, rel=0.01)
     assert film.values.bulk_modulus == pytest.approx(1e3 * film.values.shear_modulus, rel=1e-4)
@@ -323,13 +322,7 @@ def test_rates_find_branches_and_their_number():
         "branches.1.relaxation_time": 40.0,
     }
     found = {e.key: (e.value, e.error, e.low, e.high) for e in fitted.found.estimates}
-    if found["branches.0.relaxation_time"] > found["branches.1.relaxation_time"]:
-        pytest.fail("branches are told from fast to slow")
-    assert set(found) == set(true)
-    hits = [found[key][2] < value < found[key][3] for key, value in true.items()]
-    assert sum(hits) >= 4  # of 5 intervals of 95 %
-    for key, value in true.items():
-        assert found[key][0] == pytest.approx(value, rel=0.06)
+    assert_inside(found, true, 0.03)
     assert all(c.r2 > 0.998 for (c,) in fitted.found.comparisons)
 
 
