@@ -16,10 +16,11 @@ from synthetic_coupons import FITS, texts
 
 import dealib
 from dealib.__main__ import main
-from dealib.calibration.candidates import Candidate, starts
+from dealib.calibration.candidates import Candidate
 from dealib.calibration.coupon_data import CouponPlan, polyline, turns
 from dealib.calibration.coupon_fit import run_coupon
 from dealib.calibration.report import failures, headline
+from dealib.calibration.starts import starts
 from dealib.config.library import add, read_library
 from dealib.errors import ConfigError
 from dealib.materials import LAWS, coupon

@@ -7,8 +7,9 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
-from dealib.calibration.search import Free, Task, blind, search
+from dealib.calibration.search import blind, search
 from dealib.calibration.statistics import directions, distances, uncertainty
+from dealib.calibration.task import Free, Task
 from dealib.data.measured import Measured
 
 

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from scipy.interpolate import make_lsq_spline
 
 from dealib.calibration.coupon_schema import Coupon, Test
-from dealib.calibration.search import History
 from dealib.calibration.statistics import distances
+from dealib.calibration.task import History
 from dealib.config.messages import validate
 from dealib.config.source import Source
 from dealib.data.compare import Comparison, branches

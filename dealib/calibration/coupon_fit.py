@@ -10,10 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from dealib.calibration import coupon_result as result
-from dealib.calibration.candidates import Candidate, starts
-from dealib.calibration.coupon_data import STRESS, TIME, CouponPlan
+from dealib.calibration.candidates import Candidate
+from dealib.calibration.coupon_data import STRESS, STRETCH, TIME, CouponPlan
 from dealib.calibration.report import Fitted, Table, failures
-from dealib.calibration.search import Found, Task, Values, blind, search
+from dealib.calibration.search import blind, search
+from dealib.calibration.starts import starts
+from dealib.calibration.task import Found, Free, Task, Values
 from dealib.errors import ConfigError
 from dealib.materials import coupon
 from dealib.materials.laws import LAWS
@@ -156,7 +158,7 @@ def _fitted(plan: CouponPlan, fits: list[Tried], number: int) -> Fitted:
     """The best fit once more, to the end and with its intervals, and all that is told of it."""
     best = fits[0]
     start = replace(best.found.task, intervals=plan.coupon.method.intervals, tolerance=1e-9)
-    free = {e.key: replace(start.free[e.key], start=e.value) for e in best.found.estimates}
+    free = _in_order(best.candidate, start.free, best.found.values)
     found = search(replace(start, free=free))
     values = result.material(plan, best.candidate, found)
     soft = result.softening(best.candidate, found)
@@ -174,6 +176,18 @@ def _fitted(plan: CouponPlan, fits: list[Tried], number: int) -> Fitted:
         functools.partial(_draw, plan, best.candidate, found),
         result.entry(plan, best.candidate, found, values),
     )
+
+
+def _in_order(candidate: Candidate, free: dict[str, Free], values: Values) -> dict[str, Free]:
+    """Parameters that start at given values, with the branches from fast to slow."""
+    pairs = sorted(
+        [values[f"branches.{k}.{name}"] for name in ("relaxation_time", "shear_modulus")]
+        for k in range(candidate.branches)
+    )
+    for k, (time, modulus) in enumerate(pairs):
+        own = {f"branches.{k}.relaxation_time": time, f"branches.{k}.shear_modulus": modulus}
+        values = values | own
+    return {key: replace(f, start=values[key]) for key, f in free.items()}
 
 
 def _table(fits: list[Tried], kind: str) -> Table:
@@ -201,6 +215,17 @@ def _notes(plan: CouponPlan, best: Tried, others: list[Tried], number: int) -> l
     still = [s.title for s in plan.specimens if not np.isfinite(s.path.time[-1])]
     if still and best.candidate.branches:
         said.append(f"Without time or rate {', '.join(still)} counts as infinitely slow.")
+    if best.candidate.mullins or best.candidate.set or best.candidate.branches:
+        found = [
+            s.title
+            for s, test in zip(plan.specimens, plan.coupon.tests, strict=True)
+            if s.sigma.get(STRETCH) and not test.path and len(np.unique(s.first)) > 1
+        ]
+        if found:
+            said.append(
+                f"Where {', '.join(found)} turns was taken from noisy data, which is not in the "
+                "intervals: give its path as it was programmed."
+            )
     if best.candidate.mullins or best.candidate.set:
         said.append(
             "Softening and set are parts of this fit, not yet of a device: material.yaml tells "

@@ -8,7 +8,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from dealib.calibration.candidates import Candidate
 from dealib.calibration.coupon_data import CouponPlan
-from dealib.calibration.search import Found
+from dealib.calibration.task import Found
 from dealib.config.case import yaml_text
 from dealib.config.materials import ElectrodeMaterial
 

@@ -12,7 +12,8 @@ from dealib.calibration.cases import Cases, History
 from dealib.calibration.reach import check_reach
 from dealib.calibration.report import Fitted
 from dealib.calibration.schema import Plan
-from dealib.calibration.search import Free, Series, Task, Values, blind, search
+from dealib.calibration.search import blind, search
+from dealib.calibration.task import Free, Series, Task, Values
 from dealib.config import resolved
 from dealib.data.measured import Measured, read, split_unit
 from dealib.errors import ConfigError, NotConverged

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dealib.calibration.search import History, Series
+from dealib.calibration.task import History, Series
 from dealib.data.compare import Comparison, compare
 from dealib.data.measured import Array, split_unit
 from dealib.errors import ConfigError

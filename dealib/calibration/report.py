@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from dealib.calibration.reach import LEAST, inside, mirrored
-from dealib.calibration.search import Found
+from dealib.calibration.task import Found
 from dealib.data.measured import split_unit
 from dealib.results.store import write_text
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from dealib.materials.evolution import EVOLUTIONS, Evolution, Network, inverted, weights
 from dealib.materials.law import Law, invariants_of_stretches
-from dealib.materials.softening import softening
+from dealib.materials.softening import Mullins, PermanentSet, softening
 
 Array = npt.NDArray[np.float64]
 
@@ -131,16 +131,16 @@ class Material:
         p: The law's parameters, MPa.
         evolution: Name of the branches' evolution.
         branches: Shear modulus and relaxation time of each.
-        mullins: Parameters r, m, beta; None without.
-        set: Parameters shear_modulus, energy; None without.
+        mullins: Its softening.
+        set: Its permanent set.
     """
 
     law: type[Law]
     p: Any
     evolution: str = "multiplicative"
     branches: tuple[tuple[float, float], ...] = ()
-    mullins: Any = None
-    set: Any = None
+    mullins: Mullins | None = None
+    set: PermanentSet | None = None
 
 
 def networks(path: Path, evolution: str, times: Sequence[float]) -> dict[float, Array]:
@@ -161,13 +161,13 @@ def stresses(path: Path, materials: Sequence[Material]) -> list[Array]:
     with np.errstate(all="ignore"):
         elastic = [energy(m.law, m.p, path.mode, path.stretch) for m in materials]
     peaks = [np.maximum.accumulate(W) for W, _ in elastic]
-    sets = [i for i, m in enumerate(materials) if m.set is not None]
+    sets = [(i, m.set) for i, m in enumerate(materials) if m.set is not None]
     second: dict[int, Array] = {}
     if sets:
-        clocks = [np.diff(peaks[i]) / materials[i].set.energy for i in sets]
+        clocks = np.stack([np.diff(peaks[i]) / given.energy for i, given in sets], axis=1)
         with np.errstate(all="ignore"):
-            found = network(path, EVOLUTIONS["network"], np.stack(clocks, axis=1))
-        second = {i: materials[i].set.shear_modulus * s for i, s in zip(sets, found, strict=True)}
+            found = network(path, EVOLUTIONS["network"], clocks)
+        second = {i: given.shear_modulus * P for (i, given), P in zip(sets, found, strict=True)}
     out = []
     for i, (m, (W, P)) in enumerate(zip(materials, elastic, strict=True)):
         if m.mullins is not None:
