@@ -472,11 +472,24 @@ def test_mistakes_in_a_library_are_explained(tmp_path, film, library, text, expe
 def test_adding_keeps_what_is_there(tmp_path):
     path = tmp_path / "mine.yaml"
     path.write_text("# my materials\n" + MINE)
-    path.write_text(add(path, "new", {"values": {"law": "gent", "j_lim": 9.0}}))
+    new = {"law": "neo_hookean", "youngs_modulus": "1 MPa"}
+    path.write_text(add(path, "new", {"values": new}))
     assert path.read_text().startswith("# my materials\nmy_film:")
     assert set(read_library(path)) == {"my_film", "new"}
-    path.write_text(add(path, "new", {"values": {"law": "yeoh"}}))
-    assert read_library(path)["new"].values == {"law": "yeoh"}
+    path.write_text(add(path, "new", {"values": new | {"youngs_modulus": "2 MPa"}}))
+    assert read_library(path)["new"].values["youngs_modulus"] == "2 MPa"
+
+
+def test_command_lists_and_draws_own_materials(tmp_path, monkeypatch, capsys):
+    (tmp_path / "mine.yaml").write_text(MINE)
+    monkeypatch.chdir(tmp_path)
+    code, said, _ = call(monkeypatch, capsys, "materials", "--library", "mine.yaml")
+    assert code == 0
+    assert "my_film: mine\n    gent: shear_modulus 0.3 MPa, j_lim 20" in said
+    code, said, _ = call(monkeypatch, capsys, "materials", "my_film", "--library", "mine.yaml")
+    assert code == 0
+    assert "stable up to a stretch of 10" in said or "locks at" in said
+    assert (tmp_path / "my_film.png").stat().st_size > 10_000
 
 
 # --- published data, where they are at hand ------------------------------------------------------

@@ -11,7 +11,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from dealib.config.library import own_library, without_library
+from dealib.config.library import known, of_config, without_library
 from dealib.config.messages import validate
 from dealib.config.schema import Config
 from dealib.config.source import Source
@@ -51,7 +51,7 @@ def load(path: str | Path, set: Mapping[str, Any] | Iterable[str] | None = None)
     pairs = [f"{k}={_yaml(v)}" for k, v in items] or list(set or ())
     for assignment in pairs:
         source.override(assignment)
-    with own_library(source):
+    with known(of_config(source)):
         config = validate(Config, source)
     if config.library is not None:  # its materials are in the config now
         config = without_library(config)

@@ -59,26 +59,30 @@ def read_library(path: Path) -> dict[str, Entry]:
 
 
 @contextmanager
-def own_library(source: Source) -> Iterator[None]:
-    """While it is open, the materials of a config's own library are known.
+def known(path: Path | None) -> Iterator[None]:
+    """While it is open, the materials of a file are known; None: of no file."""
+    token = OWN.set({} if path is None else read_library(path))
+    try:
+        yield
+    finally:
+        OWN.reset(token)
+
+
+def of_config(source: Source) -> Path | None:
+    """The library that a config names; None if it names none.
 
     Raises:
-        ConfigError: If there is no such file, or something in it is wrong.
+        ConfigError: If there is no such file.
     """
     name = source.tree.get("library")
     if not isinstance(name, str):  # none, or what the schema refuses
-        yield
-        return
+        return None
     given = Path(name).expanduser()
     beside = source.path.parent / given
     if not (beside.is_file() or given.is_file()):
         problem = f"there is no file {name!r} (looked in . and {beside.parent})"
         raise ConfigError(source.message(("library",), problem))
-    token = OWN.set(read_library(beside if beside.is_file() else given))
-    try:
-        yield
-    finally:
-        OWN.reset(token)
+    return beside if beside.is_file() else given
 
 
 def without_library(config: Config) -> Config:
