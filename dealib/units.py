@@ -129,6 +129,8 @@ def convert(amount: tuple[float, str], unit: str) -> float:
         return value
     if not given:
         raise ValueError(f"expected a unit such as '{unit}'; '{value:g}' has no unit")
+    if not unit and given == "%":
+        return value / 100
     if not unit:
         raise ValueError(f"expected a plain number; '{value:g} {given}' has a unit")
     return value * factor(given, unit)

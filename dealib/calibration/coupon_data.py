@@ -31,6 +31,7 @@ _STRETCHES = {
 }
 _STRESSES = {STRESS: (), "true_stress_MPa": (), "force_N": ("width", "thickness")}
 Ints = npt.NDArray[np.intp]
+_LARGEST = 20.0  # stretch
 _CORNERS = 300  # most of a path that is read from a file
 
 
@@ -121,10 +122,15 @@ class CouponPlan:
         stretch, stretch_name = np.empty(0), ""
         if held is None:
             stretch, stretch_name = self._one(index, test, columns, _STRETCHES, STRETCH)
-            if stretch.min() <= 0:
-                raise self._error(index, "file", f"a stretch of {stretch.min():.4g} is none")
+            if stretch.min() <= 0 or stretch.max() > _LARGEST:
+                worst = stretch.min() if stretch.min() <= 0 else stretch.max()
+                problem = f"{file.name} has a stretch of {worst:.4g}, which no elastomer bears; "
+                raise self._error(index, "file", problem + "a strain in percent is 'strain [%]'")
         if stress_name.startswith("true"):
             stress = stress / (stretch if held is None else held.stretch)
+        if np.sum(stress * ((stretch if held is None else held.stretch) - 1)) <= 0:
+            problem = f"{file.name} does no work: its stress is zero, or has the opposite sign"
+            raise self._error(index, "file", problem)
         timed = TIME in columns
         if timed and test.rate is not None:
             raise self._error(index, "rate", f"{file.name} has a column of time; drop rate")
@@ -234,8 +240,8 @@ def turns(stretch: Array, sigma: float = 0.0) -> tuple[list[float], list[int]]:
     for k, piece in enumerate(pieces):
         part = stretch[max(piece.start - 1, 0) : piece.stop]
         rising = part[-1] >= part[0]
-        if k == 0 and not rising and part[0] - 1 > 0.05 * np.ptp(stretch):
-            found.append(float(part[0]))
+        if k == 0 and (1 - part[0] if rising else part[0] - 1) > 0.05 * np.ptp(stretch):
+            found.append(float(part[0]))  # they begin with unloading
         end, row, n = float(part.max() if rising else part.min()), piece.stop - 1, 5
         if n <= row < len(stretch) - n and k + 1 < len(pieces):
             before, after = np.arange(row - n, row), np.arange(row + 1, row + n + 1)
@@ -271,10 +277,11 @@ def polyline(t: Array, y: Array, sigma: float) -> tuple[list[float], list[float]
     while len(corners) > _CORNERS:
         tolerance *= 2
         corners = sorted({0, len(t) - 1, *_corners(t, y, tolerance)})
-    knots = t[corners]
-    if noise > 0 and len(t) > 2 * len(knots):
+    if noise > 0 and len(t) > 2 * len(corners):  # what bends by less than that is averaged
+        corners = sorted({*corners, *range(0, len(t), max(25, len(t) // _CORNERS))})
+        knots = t[corners]
         y = make_lsq_spline(t, y, np.r_[knots[0], knots, knots[-1]], k=1)(t)
-    return knots.tolist(), y[corners].tolist()
+    return t[corners].tolist(), y[corners].tolist()
 
 
 def _corners(t: Array, y: Array, tolerance: float) -> Iterator[int]:

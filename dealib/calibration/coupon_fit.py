@@ -57,7 +57,7 @@ def criterion(found: Found, kind: str, points: float) -> float:
     likelihood = points * np.log(found.sum_of_squares / n)
     if kind == "BIC":
         return float(likelihood + k * np.log(n))
-    return float(likelihood + 2 * k + 2 * k * (k + 1) / max(n - k - 1, 1e-3))
+    return float(likelihood + 2 * k + 2 * k * (k + 1) / (n - k - 1)) if n > k + 1 else np.inf
 
 
 def run_coupon(plan: CouponPlan, progress: Callable[[str], None]) -> Fitted:
@@ -85,7 +85,10 @@ def run_coupon(plan: CouponPlan, progress: Callable[[str], None]) -> Fitted:
                 progress(f"{candidate.label:<48} {rmse:.4g} standard deviations")
         if not fits:
             raise ConfigError(f"{plan.source.path}: too few points for any of these laws")
-        return ranked(fits, method.criterion)[0]
+        # a branch too many, which a later stage takes away, speaks against no law
+        stable = [f for f in fits if f.stable >= use(plan)] or fits
+        n = independent(fits)
+        return min(stable, key=lambda f: criterion(f.found, method.criterion, n))
 
     peak = max(np.max(np.abs(s.measured.columns[STRESS])) for s in plan.specimens)
     full = Candidate(
@@ -125,7 +128,7 @@ def _fit(plan: CouponPlan, candidate: Candidate, near: Values) -> Tried | None:
     points = sum(len(s.measured.columns[STRESS]) for s in plan.specimens)
     best: Found | None = None
     for free in starts(candidate, plan.specimens, near)[:_TRIED]:
-        if len(free) + 1 >= points:
+        if len(free) + 2 >= points:
             return None
         task = Task(
             free, plan.specimens, solve, 1e-5, 1e-6, method.max_evaluations, method.confidence,

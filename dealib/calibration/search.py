@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -29,11 +28,13 @@ class _Objective:
         self.names = {key: f"p{i}" for i, key in enumerate(task.free)}  # that lmfit takes
         self._shown: Values = {}
 
-    def parameters(self) -> lmfit.Parameters:
+    def parameters(self, numbers: Array | None = None) -> lmfit.Parameters:
+        """Parameters at the start, or at other numbers."""
         found = lmfit.Parameters()
-        for key, free in self.task.free.items():
+        for i, (key, free) in enumerate(self.task.free.items()):
             low, high = free.range
-            found.add(self.names[key], value=free.inner(free.start), min=low, max=high)
+            value = free.inner(free.start) if numbers is None else numbers[i]
+            found.add(self.names[key], value=value, min=low, max=high)
         return found
 
     def numbers(self, parameters: lmfit.Parameters) -> Array:
@@ -93,6 +94,18 @@ def _residual(series: Data, history: History | NotConverged) -> Array:
     return series.weight * series.residual(history)
 
 
+def _minimizer(objective: _Objective, tolerance: float, evaluations: int) -> Any:
+    return lmfit.Minimizer(
+        objective.residual,
+        None,
+        max_nfev=evaluations,
+        Dfun=objective.varied,
+        col_deriv=False,
+        ftol=tolerance,
+        xtol=tolerance,
+    )
+
+
 def search(task: Task, progress: Callable[[str], None] = lambda line: None) -> Found:
     """Find the parameters.
 
@@ -101,16 +114,8 @@ def search(task: Task, progress: Callable[[str], None] = lambda line: None) -> F
         progress: Told each evaluation in one line.
     """
     objective = _Objective(task, progress)
-    minimizer = lmfit.Minimizer(
-        objective.residual,
-        objective.parameters(),
-        max_nfev=task.max_evaluations,
-        Dfun=objective.varied,
-        col_deriv=False,
-        ftol=task.tolerance,
-        xtol=task.tolerance,
-    )
-    result = minimizer.minimize(method="leastsq")
+    minimizer = _minimizer(objective, task.tolerance, task.max_evaluations)
+    result = minimizer.minimize("leastsq", objective.parameters())
     numbers = objective.numbers(result.params)
     best = objective.values(numbers)
     J, r = objective.jacobian(numbers), objective.residuals([best])[0]
@@ -124,7 +129,7 @@ def search(task: Task, progress: Callable[[str], None] = lambda line: None) -> F
     message = " ".join(str(result.message).split())
     return Found(
         task,
-        _estimates(objective, minimizer, result, J, found),
+        _estimates(objective, numbers, float(r @ r), J, found),
         _correlation(found.covariance),
         comparisons,
         [[next(rest) for _ in series.measured.curves] for series in task.series],
@@ -195,14 +200,15 @@ def _correlation(covariance: Array) -> Array:
 
 
 def _estimates(
-    objective: _Objective, minimizer: Any, result: Any, J: Array, found: Uncertainty
+    objective: _Objective, numbers: Array, best: float, J: Array, found: Uncertainty
 ) -> list[Estimate]:
-    task, numbers = objective.task, objective.numbers(result.params)
+    task = objective.task
     errors = np.sqrt(np.diag(found.covariance))
-    reach = student.ppf((1 + task.confidence) / 2, found.freedom) * errors
+    quantile = student.ppf((1 + task.confidence) / 2, found.freedom)
+    reach = quantile * errors
     ends = np.stack([numbers - reach, numbers + reach], axis=1)
     ranges = np.array([free.range for free in task.free.values()])
-    bent = _bent(objective, numbers, ends, ranges, J, float(result.chisqr))
+    bent = _bent(objective, numbers, ends, ranges, J, best)
     low, high = ranges.T
     spread = np.where(np.isfinite(high - low), high - low, 1.0)
     at_bound = np.minimum(numbers - low, high - numbers) < _NEAR * spread
@@ -212,8 +218,9 @@ def _estimates(
         for i in range(len(errors)) if task.intervals != "linear" else ():
             if not (every or bent[i]):
                 continue
-            ends[i] = _profile(minimizer, result, i, errors, found, task.confidence)
-            bent[i] = False
+            rise = found.inflation[i] * quantile[i] ** 2
+            ends[i] = [_profile(objective, numbers, i, end, J, rise) for end in ends[i]]
+            bent[i], opened[i] = False, not np.isfinite(ends[i]).all()
     estimates = []
     for i, (key, free) in enumerate(task.free.items()):
         value = free.outer(numbers[i])
@@ -249,19 +256,43 @@ def _bent(
 
 
 def _profile(
-    minimizer: Any, result: Any, index: int, errors: Array, found: Uncertainty, level: float
-) -> tuple[float, float]:
-    """Interval from the profile of the sum of squares: the other parameters are fitted again."""
-    name = list(result.params)[index]
-    result.params[name].stderr = float(errors[index])
+    objective: _Objective, numbers: Array, index: int, end: float, J: Array, rise: float
+) -> float:
+    """Where the sum of squares, the other parameters fitted again, has risen by an amount.
 
-    def probability(best: Any, moved: Any) -> float:
-        rise = max(moved.chisqr - best.chisqr, 0.0) / found.inflation[index]
-        return float(2 * student.cdf(np.sqrt(rise), found.freedom[index]) - 1)
+    Its root is nearly straight there: a few secant steps from the linear end do.
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # an interval without an end is told by us
-        found_ends = lmfit.conf_interval(
-            minimizer, result, p_names=[name], sigmas=[level], prob_func=probability, maxiter=20
-        )[name]
-    return float(found_ends[0][1]), float(found_ends[-1][1])
+    Args:
+        objective: The residuals.
+        numbers: The best fit.
+        index: The parameter.
+        end: End of its linear interval.
+        J: Derivatives at the best fit.
+        rise: The amount.
+
+    Returns:
+        The end; infinite if the sum of squares does not rise so far.
+    """
+    ranges = np.array([free.range for free in objective.task.free.values()])
+    name = list(objective.names.values())[index]
+    best, origin = objective.squares([numbers])[0], numbers[index]
+    along = np.insert(np.linalg.lstsq(np.delete(J, index, 1), -J[:, index], None)[0], index, 1.0)
+    at, last, guess = end, (origin, 0.0), numbers + (end - origin) * along
+    for _ in range(10):
+        at = float(np.clip(at, *ranges[index]))
+        guess[index] = at
+        parameters = objective.parameters(np.clip(guess, *ranges.T))
+        parameters[name].vary = False
+        result = _minimizer(objective, 1e-5, 30).minimize("leastsq", parameters)
+        guess = objective.numbers(result.params)
+        z = float(np.sqrt(max(result.chisqr - best, 0.0) / rise))
+        if abs(z - 1) < 0.01:
+            return at
+        if z < 1 and at in ranges[index]:
+            return float(np.copysign(np.inf, at - origin))
+        slope = (z - last[1]) / (at - last[0]) if at != last[0] else 0.0
+        step = (1 - z) / slope if slope * (at - origin) > 0 else at - origin
+        last, near = (at, z), abs(at - origin)
+        at += float(np.clip(step, -0.8 * near, 2 * near))
+        guess = guess + (at - last[0]) * (guess - numbers) / (last[0] - origin)
+    return float(np.copysign(np.inf, at - origin)) if z < 1 else at

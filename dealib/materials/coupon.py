@@ -6,7 +6,7 @@ The second stretch in the plane is a power of the first, which is driven. Stress
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -33,11 +33,13 @@ class Path:
         mode: A key of `MODES`.
         time: s, ascending, (states,); infinite steps mean equilibrium.
         stretch: In the loaded direction, (states,).
+        known: Stresses of branches of unit modulus that were computed before.
     """
 
     mode: str
     time: Array
     stretch: Array
+    known: dict[tuple[str, float], Array] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def metric(self) -> Array:
@@ -145,13 +147,14 @@ class Material:
 
 def networks(path: Path, evolution: str, times: Sequence[float]) -> dict[float, Array]:
     """Nominal stress, (states,), of Maxwell branches of unit modulus by their relaxation times."""
-    if not times:
-        return {}
-    with np.errstate(all="ignore"):
-        steps = np.diff(path.time)
-        steps[np.isnan(steps)] = np.inf
-        found = network(path, EVOLUTIONS[evolution], steps[:, None] / np.array(times))
-    return dict(zip(times, found, strict=True))
+    new = [time for time in times if (evolution, time) not in path.known]
+    if new:
+        with np.errstate(all="ignore"):
+            steps = np.diff(path.time)
+            steps[np.isnan(steps)] = np.inf
+            found = network(path, EVOLUTIONS[evolution], steps[:, None] / np.array(new))
+        path.known.update(((evolution, time), P) for time, P in zip(new, found, strict=True))
+    return {time: path.known[evolution, time] for time in times}
 
 
 def stresses(path: Path, materials: Sequence[Material]) -> list[Array]:
