@@ -242,13 +242,15 @@ def _draw(plan: CouponPlan, candidate: Candidate, found: Found, picture: Path) -
 
     unit = candidate.unit
     scale = 1e3 if unit == "kPa" else 1.0
-    curves = []
+    curves, clocks = [], any(np.isfinite(s.path.time[-1]) for s in plan.specimens)
     for s, comparisons in zip(plan.specimens, found.comparisons, strict=True):
         c = comparisons[0]
         (stress,) = coupon.stresses(s.path, [candidate.material(found.values)])
         timed = c.x_name == TIME
         along = s.path.time if timed else s.path.stretch
         panel = f"{s.path.mode}, over time" if timed else s.path.mode
+        if clocks and not np.isfinite(s.path.time[-1]):
+            panel += ", infinitely slow"
         off = scale * (c.computed - c.measured)
         x_label = "Time (s)" if timed else "Stretch"
         label = f"{Path(s.title).name}, R² {c.r2:.4f}"

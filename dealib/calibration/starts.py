@@ -211,8 +211,9 @@ def _free(candidate: Candidate, specimens: Sequence[Specimen], values: Values) -
     """The parameters with their bounds."""
     size = sum(abs(v) for k, v in values.items() if k in candidate.moduli or "shear" in k)
     short, long = _span(specimens)
-    found = {}
-    for key, value in values.items():
+    found, law = {}, [*candidate.moduli, *candidate.shapes]
+    for key in [k for k in law if k in values] + sorted(set(values) - set(law)):
+        value = values[key]
         if key.startswith("alpha"):
             found[key] = Free("", value, -25.0, 25.0)
         elif key in candidate.shapes:

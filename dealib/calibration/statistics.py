@@ -31,6 +31,11 @@ def distances(curve: Array, x: Array, y: Array, sigma_x: float, sigma_y: float) 
         sigma_x: Standard deviation of x.
         sigma_y: Standard deviation of y.
     """
+    lines = 1_000_000 // curve.shape[1] + 1
+    if len(x) > lines:  # in bounded memory
+        parts = [slice(i, i + lines) for i in range(0, len(x), lines)]
+        found = [distances(curve, x[p], y[p], sigma_x, sigma_y) for p in parts]
+        return np.concatenate(found)
     c = curve / np.array([[sigma_x], [sigma_y]])
     first, last = c[:, 0] - c[:, 1], c[:, -1] - c[:, -2]
     far = [1e6 * end / max(np.hypot(*end), 1e-300) for end in (first, last)]
@@ -138,9 +143,8 @@ def _correlation(J: Array, r: Array, A: Array) -> tuple[float, Array, float]:
 
     It is that of the lag at which residuals are half alike: a smooth misfit is no AR(1) at lag 1.
     """
-    n, Q, lag = len(r), J @ A, 1
-    found = [float(r[:-k] @ r[k:]) / max(float(r @ r), 1e-300) for k in range(1, max(n // 4, 2))]
-    while lag < len(found) and found[lag - 1] > 0.5:
+    n, Q, lag, size = len(r), J @ A, 1, max(float(r @ r), 1e-300)
+    while (found := float(r[:-lag] @ r[lag:]) / size) > 0.5 and lag < n // 4:
         lag += 1
 
     def moments(rho: float) -> tuple[float, float, Array]:
@@ -156,7 +160,7 @@ def _correlation(J: Array, r: Array, A: Array) -> tuple[float, Array, float]:
 
     def excess(rho: float) -> float:
         products, squares, _ = moments(rho)
-        return products / squares - found[lag - 1]
+        return products / squares - found
 
     white = moments(0.0)
     if n < 8 or white[1] < 4 or -excess(0.0) * np.sqrt(n) < 1.28:  # not significant at 10 %
