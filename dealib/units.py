@@ -35,6 +35,7 @@ DIMENSIONS = {
     "charge": ("uC", "0.5 uC"),
     "electric field": ("kV/mm", "80 V/um"),
     "resistance": ("Gohm", "10 kohm"),
+    "rate": ("1/s", "0.01 1/s"),
 }
 
 # the usual units, internal unit -> factors: with them alone a config needs no pint (0.3 s)
@@ -49,6 +50,7 @@ USUAL = {
     "uC": {"mC": 1e3, "uC": 1.0, "nC": 1e-3},
     "Gohm": {"Gohm": 1.0, "Mohm": 1e-3, "kohm": 1e-6, "ohm": 1e-9},
     "kV/mm": {"kV/mm": 1.0, "V/um": 1.0, "MV/m": 1.0},
+    "1/s": {"1/s": 1.0},
 }
 
 # letters with powers of at most one digit, multiplied and divided
@@ -158,6 +160,8 @@ def convert(amount: tuple[float, str], unit: str) -> float:
         return value
     if not given:
         raise ValueError(f"expected a unit such as '{unit}'; '{value:g}' has no unit")
+    if not unit and given == "%":
+        return value / 100
     if not unit:
         raise ValueError(f"expected a plain number; '{value:g} {given}' has a unit")
     return value * factor(given, unit)
@@ -222,9 +226,10 @@ if TYPE_CHECKING:
     Charge: TypeAlias = float
     ElectricField: TypeAlias = float
     Resistance: TypeAlias = float
+    Rate: TypeAlias = float
 else:
     Length, Time, Force, Mass, Stress = map(
         _quantity, ("length", "time", "force", "mass", "stress")
     )
     Stiffness, Voltage, Charge = map(_quantity, ("stiffness", "voltage", "charge"))
-    ElectricField, Resistance = map(_quantity, ("electric field", "resistance"))
+    ElectricField, Resistance, Rate = map(_quantity, ("electric field", "resistance", "rate"))

@@ -58,12 +58,6 @@ class Parameter(Section):
             raise ValueAt(("start",), "the start must lie between min and max")
         return self
 
-    def moved(self, value: float, difference: float) -> float:
-        """A value beside another one, within the bounds, by a relative difference."""
-        low, high = self.range
-        step = difference * max(abs(value), (high - low) / 100)
-        return value + step if value + step <= high else value - step
-
     def text(self, value: float) -> str:
         """A value as the config wants it."""
         return f"{value!r} {self.unit}".strip()
@@ -74,9 +68,19 @@ class Data(Selection):
 
     set: dict[str, Any] = Field({}, description="keys of the config that differ for these data")
     sigma: dict[str, Amount] = Field(
-        {}, description="standard deviation of the noise by quantity; default 1 % of its range"
+        {},
+        description="standard deviation of the noise by quantity; default 1 % of its range, "
+        "and 0 of the abscissa",
     )
     weight: float = Field(1.0, gt=0, description="factor on the residuals of these data")
+
+
+Intervals = Literal["auto", "linear", "profile"]
+INTERVALS = (
+    "linear: from the derivatives at the best fit; profile: from the sum of squares with the "
+    "others fitted again, better where the model is bent, but many more evaluations; auto: profile "
+    "where the linear ones mislead"
+)
 
 
 class Method(Section):
@@ -88,10 +92,7 @@ class Method(Section):
         1e-3, gt=0, lt=0.1, description="relative step of the finite differences"
     )
     confidence: float = Field(0.95, gt=0.5, lt=1, description="level of the intervals")
-    profile: bool = Field(
-        False,
-        description="intervals from the profile of the sum of squares: better, but many more cases",
-    )
+    intervals: Intervals = Field("linear", description=INTERVALS)
 
 
 class Destination(Section):
@@ -140,8 +141,9 @@ class Plan:
                 where = ("data", i, "file")
                 raise ConfigError(self.source.message(where, f"there is no file {file}"))
         for key, parameter in self.fit.parameters.items():
-            start = parameter.start[0]  # and beside it, where no whole number is
-            for value in (start, parameter.moved(start, self.fit.method.difference)):
+            start, (low, high) = parameter.start[0], parameter.range
+            beside = start + self.fit.method.difference * max(abs(start), (high - low) / 100)
+            for value in (start, min(beside, (start + high) / 2)):  # where no whole number is
                 self._load({key: parameter.text(value)}, ("parameters", key))
         for i, data in enumerate(self.fit.data):
             config = self._load(data.set, ("data", i, "set")).config

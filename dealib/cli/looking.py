@@ -191,18 +191,21 @@ def materials(
     region: Annotated[str, typer.Option(help="of the config: film or electrode")] = "film",
     out: Annotated[Path | None, typer.Option(help="picture; default LAW.png")] = None,
     stretch: Annotated[float, typer.Option(min=1.01, max=10, help="largest stretch")] = 2.0,
+    library: Annotated[Path | None, typer.Option(help="YAML file of your own materials")] = None,
     dark: Dark = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """List laws and published materials, or draw one's own response and its stability limit."""
+    """List laws and known materials, or draw one's own response and its stability limit."""
     from dealib.cli import materials as command
+    from dealib.config.library import known
     from dealib.errors import ConfigError
 
-    if law is None and config is None:
-        typer.echo(command.list_laws())
-        return
     if config is None:
-        found = command.given_law(law or "", set or [])
+        with known(library):
+            if law is None:
+                typer.echo(command.list_laws())
+                return
+            found = command.given_law(law, set or [])
     else:
         if law or set:
             raise ConfigError("--config gives the law and its parameters: drop LAW and --set")

@@ -88,7 +88,7 @@ def init(
 def schema(
     out: Annotated[Path | None, typer.Option(help="file; default: print")] = None,
     reference: Annotated[bool, typer.Option("--reference", help="page of all keys")] = False,
-    of: Annotated[str, typer.Option(help="config, study or fit")] = "config",
+    of: Annotated[str, typer.Option(help="config, study, fit or coupon")] = "config",
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the file")] = False,
 ) -> None:
     """Print the JSON schema of configs, studies or fits, for editors, or a page of all keys."""
@@ -141,7 +141,10 @@ def calibrate(
     resume: Annotated[bool, typer.Option("--resume", help="go on with an earlier fit")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier fit")] = False,
 ) -> None:
-    """Fit parameters of a config to measured curves; cases solved before are not solved again."""
+    """Fit parameters of a config, or a material to tests of it, to measured curves.
+
+    Cases solved before are not solved again.
+    """
     from dealib.cli.calibrate import run_fit
 
     run_fit(fit, out, cache, jobs, resume=resume, overwrite=overwrite)

@@ -11,6 +11,7 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
+from dealib.config.library import known, of_config, without_library
 from dealib.config.messages import validate
 from dealib.config.schema import Config
 from dealib.config.size import refuse_too_large
@@ -51,7 +52,10 @@ def load(path: str | Path, set: Mapping[str, Any] | Iterable[str] | None = None)
     pairs = [f"{k}={_yaml(v)}" for k, v in items] or list(set or ())
     for assignment in pairs:
         source.override(assignment)
-    config = validate(Config, source)
+    with known(of_config(source)):
+        config = validate(Config, source)
+    if config.library is not None:  # its materials are in the config now
+        config = without_library(config)
     if config.mesh.file is not None:
         given = Path(config.mesh.file).expanduser()
         mesh = source.path.parent / given
@@ -87,11 +91,16 @@ def read(path: Path) -> Config:
 
 def resolved(config: Config) -> str:
     """The config with all defaults, as YAML that reads back as the same config."""
+    return yaml_text(_listed(config.model_dump(exclude_none=True)))
+
+
+def yaml_text(tree: Any) -> str:
+    """A tree as YAML, with its keys in order."""
     out = io.StringIO()
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
-    yaml.dump(_listed(config.model_dump(exclude_none=True)), out)
+    yaml.dump(tree, out)
     return out.getvalue()
 
 

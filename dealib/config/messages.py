@@ -232,6 +232,7 @@ def _models_at(model: type[BaseModel] | None, loc: Iterable[int | str]) -> list[
     kinds = [] if model is None else [model]
     for part in loc:
         fields = [m.model_fields[part] for m in kinds if part in m.model_fields]
+        fields = fields or [m.model_fields["root"] for m in kinds if "root" in m.model_fields]
         if fields:
             kinds = [m for f in fields for m in _models_in(f.annotation)]
         elif isinstance(part, str):  # the tag of a union, or a key of a free mapping

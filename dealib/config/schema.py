@@ -219,6 +219,11 @@ class Config(Section):
 
     name: Name = Field(min_length=1, description="short name; also the default run directory")
     description: str = Field("", description="one line, shown in reports")
+    library: str | None = Field(
+        None,
+        description="YAML file of materials of your own, beside this one; they are then known to "
+        "`library` of a material, as the published ones are",
+    )
     geometry: Geometry
     mesh: Mesh = Mesh()
     materials: Materials

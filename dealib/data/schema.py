@@ -67,14 +67,12 @@ class Plateaus(Section):
     )
 
 
-class Selection(Section):
-    """Measured curves in a file, and the part of a run that they belong to."""
+class Reading(Section):
+    """Which columns of a file are read, and what is done to them."""
 
     file: FilePath = Field(
         min_length=1, description="text, spreadsheet or MAT file, beside this one"
     )
-    stage: str | None = Field(None, description="stage of the program; default the whole run")
-    x: str | None = Field(None, description="quantity of the abscissa; default the first column")
     columns: dict[str, str] | None = Field(
         None,
         description="header in the file by quantity, such as force: 'Load cell [mN]', with its "
@@ -83,6 +81,23 @@ class Selection(Section):
     ignore: tuple[str, ...] = Field((), description="headers of columns that are left out")
     format: Format = Format()
     prepare: dict[str, Preparation] = Field({}, description="by quantity")
+
+    @model_validator(mode="after")
+    def _one_header_each(self) -> Reading:
+        taken: dict[str, str] = {}
+        for quantity, header in (self.columns or {}).items():
+            if header in taken:
+                problem = f"{header!r} is {taken[header]} already; a column is one quantity"
+                raise ValueAt(("columns", quantity), problem)
+            taken[header] = quantity
+        return self
+
+
+class Selection(Reading):
+    """Measured curves in a file, and the part of a run that they belong to."""
+
+    stage: str | None = Field(None, description="stage of the program; default the whole run")
+    x: str | None = Field(None, description="quantity of the abscissa; default the first column")
     plateaus: Plateaus | None = None
     resample: int | None = Field(
         None, ge=2, description="at most so many points: means of rows that follow each other"
@@ -93,12 +108,8 @@ class Selection(Section):
         "default 5 % of its range, and more than its noise",
     )
 
-    @model_validator(mode="after")
-    def _one_header_each(self) -> Selection:
-        taken: dict[str, str] = {}
-        for quantity, header in (self.columns or {}).items():
-            if header in taken:
-                problem = f"{header!r} is {taken[header]} already; a column is one quantity"
-                raise ValueAt(("columns", quantity), problem)
-            taken[header] = quantity
-        return self
+    @classmethod
+    def of(cls, reading: Reading) -> Selection:
+        """All curves of a file that is read in a certain way."""
+        same = {name: getattr(reading, name) for name in Reading.model_fields}
+        return cls.model_construct(**same)
