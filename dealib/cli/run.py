@@ -18,6 +18,7 @@ from dealib.program import Observer, Simulation, simulate
 from dealib.program.log import to_terminal
 from dealib.results.beside import Beside
 from dealib.results.reader import Run
+from dealib.units import counted
 
 
 def run_case(
@@ -40,7 +41,7 @@ def run_case(
         if comm.rank == 0:
             typer.echo(
                 f"{case.config.name}: {simulation.unknowns} unknowns, "
-                f"{simulation.steps_planned} steps; nothing solved, nothing written"
+                f"{counted(simulation.steps_planned, 'step')}; nothing solved, nothing written"
             )
         return
     directory = Path(out or case.config.directory)

@@ -23,6 +23,7 @@ from dealib.study.job import Outcome
 from dealib.study.plan import Plan
 from dealib.study.sweep import CaseStatus, Solve
 from dealib.study.workers import in_processes, in_ranks
+from dealib.units import counted
 
 
 def run_study(path: Path, out: Path | None, cache: Path, jobs: int | None, retry: bool) -> None:
@@ -57,7 +58,7 @@ def _sweep(
     finally:
         summary.write()
     stands = [sweep.statuses(p, store, failures) for p in plans]
-    typer.echo(f"{summary.path}: {len(summary.rows)} cases")
+    typer.echo(f"{summary.path}: {counted(len(summary.rows), 'case')}")
     _explain(stands)
 
 
@@ -104,7 +105,7 @@ def _solve(
     """Solve what is missing; returns what failed, by key."""
     jobs = sweep.missing(plans, store, retry)
     cases = sum(len(p.cases) for p in plans)
-    typer.echo(f"{cases} cases in {len(plans)} studies; {len(jobs)} to solve")
+    typer.echo(f"{counted(cases, 'case')} in {counted(len(plans), 'study')}; {len(jobs)} to solve")
     failures: dict[str, Outcome] = {}
     if not jobs:
         return failures

@@ -7,7 +7,6 @@ import io
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from dealib.plots import style
@@ -17,9 +16,9 @@ from dealib.plots.labels import label
 from dealib.plots.limits import uses
 from dealib.plots.mesh import draw_mesh
 from dealib.plots.profiles import draw_profiles
-from dealib.plots.quantities import SURFACE_CHARGE, quantity
 from dealib.plots.shape import Shape, typical_step
 from dealib.plots.style import Theme, save, theme
+from dealib.results.quantities import SURFACE_CHARGE, quantity
 from dealib.results.reader import Run
 from dealib.results.summary import under_voltage
 
@@ -46,12 +45,9 @@ def both(draw: Callable[[Theme], Any], kind: str) -> Picture:
         with theme(dark) as look:
             data = io.BytesIO()
             save(draw(look), data, kind, dpi=110)
-            found.append(_uri(data, kind))
+            text = base64.b64encode(data.getvalue()).decode("ascii")
+            found.append(f"data:{_MIME[kind]};base64,{text}")
     return Picture(*found)
-
-
-def _uri(data: io.BytesIO, kind: str) -> str:
-    return f"data:{_MIME[kind]};base64,{base64.b64encode(data.getvalue()).decode('ascii')}"
 
 
 def pictures(run: Run) -> dict[str, Picture]:
@@ -61,7 +57,7 @@ def pictures(run: Run) -> dict[str, Picture]:
     energies = [name for name in energies if name in run.history]
     found = {
         "overview": both(lambda look: overview([run]), "svg"),
-        "energy": both(lambda look: curves([run], "time_s", energies), "svg"),
+        "energy": both(lambda look: curves([run], None, energies), "svg"),
         "margins": both(lambda look: uses(run), "svg"),
     }
     if len(run.history) > 1:
@@ -76,18 +72,8 @@ def pictures(run: Run) -> dict[str, Picture]:
         found["profiles"] = both(lambda look: draw_profiles(shape, lines), "svg")
     mesh = run.directory / "mesh.msh"
     if mesh.is_file():
-        found["mesh"] = _mesh(mesh)
+        found["mesh"] = both(lambda look: draw_mesh(mesh), "png")
     return found
-
-
-def _mesh(path: Path) -> Picture:
-    uris = []
-    for dark in (False, True):
-        with theme(dark):
-            data = io.BytesIO()
-            draw_mesh(path, data)
-            uris.append(_uri(data, "png"))
-    return Picture(*uris)
 
 
 def _iterations(run: Run) -> Any:
