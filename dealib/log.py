@@ -14,6 +14,7 @@ from dealib.patience import NOTE
 LOGGER = logging.getLogger("dealib")
 LOG = "run.log"
 logging.addLevelName(NOTE, "NOTE")
+PASSING = {"passing": True}  # extra of a warning that is not kept: results tell more in the end
 
 
 class _Terminal(logging.Handler):
@@ -32,7 +33,8 @@ class _Kept(logging.Handler):
         self.texts: list[str] = []
 
     def emit(self, record: logging.LogRecord) -> None:
-        self.texts.append(record.getMessage())
+        if not hasattr(record, "passing"):
+            self.texts.append(record.getMessage())
 
 
 class _File(logging.FileHandler):

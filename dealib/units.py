@@ -189,6 +189,17 @@ def write(value: float, dimension: str) -> str:
     return f"{value!r} {DIMENSIONS[dimension][0]}"
 
 
+def neat(value: float, digits: int = 5) -> str:
+    """A number for the eye: '-0.4', and '0' instead of the -1e-17 that rounding leaves."""
+    return f"{0.0 if abs(value) < 1e-9 else value:.{digits}g}"
+
+
+def counted(number: int, noun: str) -> str:
+    """'1 study', '2 studies', '3 cases'."""
+    plural = f"{noun[:-1]}ies" if noun.endswith("y") else f"{noun}s"
+    return f"{number} {noun if number == 1 else plural}"
+
+
 def _quantity(dimension: str) -> Any:
     _, example = DIMENSIONS[dimension]
     return Annotated[

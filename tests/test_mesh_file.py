@@ -74,8 +74,8 @@ def test_an_option_file_beside_a_mesh_is_no_concern_of_ours(tmp_path, monkeypatc
         pass
     from dealib.plots.mesh import draw_mesh
 
-    draw_mesh(tmp_path / "m.msh", tmp_path / "m.png")
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["m.msh", "m.msh.opt", "m.png"]
+    draw_mesh(tmp_path / "m.msh")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["m.msh", "m.msh.opt"]
 
 
 def test_the_mesh_of_a_run_that_is_looked_at_runs_nothing(tmp_path, monkeypatch):
@@ -84,7 +84,7 @@ def test_the_mesh_of_a_run_that_is_looked_at_runs_nothing(tmp_path, monkeypatch)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mesh.msh").write_text(SCRIPT)
     with pytest.raises(ConfigError, match="no mesh of Gmsh's"):
-        draw_mesh(tmp_path / "mesh.msh", tmp_path / "m.png")
+        draw_mesh(tmp_path / "mesh.msh")
     assert [p.name for p in tmp_path.iterdir()] == ["mesh.msh"]
 
 

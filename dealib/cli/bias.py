@@ -41,7 +41,7 @@ def draw_chart(
     from dealib.plots.bias import draw_bias
 
     with style.theme(dark) as look:
-        style.save(draw_bias(found, look), picture)
+        style.save(draw_bias(found, look, whole=reach is not None), picture)
     typer.echo("\n".join([*describe(found), *map(str, (picture, *tables))]))
 
 

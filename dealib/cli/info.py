@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import shlex
 
+import typer
+
 from dealib.errors import ConfigError
 from dealib.results.cycles import cycles
 from dealib.results.reader import Run
-from dealib.results.summary import actuations, critical_points, margins
+from dealib.results.summary import VERDICTS, actuations, alarms, critical_points, margins
+from dealib.units import counted, neat
+
+_COLOURS = dict(zip(VERDICTS, (typer.colors.RED, typer.colors.YELLOW), strict=True))
 
 
 def summary(run: Run) -> str:
@@ -15,7 +20,7 @@ def summary(run: Run) -> str:
     h = run.history
     info = run.info
     rows = [
-        (name, f"{_clean(h[column].min()):.5g} .. {_clean(h[column].max()):.5g} {unit}")
+        (name, f"{neat(h[column].min())} .. {neat(h[column].max())} {unit}")
         for name, column, unit in (
             ("displacement", "displacement_mm", "mm"),
             ("force on mount", "force_N", "N"),
@@ -24,9 +29,9 @@ def summary(run: Run) -> str:
     for a in actuations(run):
         peak = f"at up to {a.peak_voltage:.4g} kV"
         if a.stroke is not None:
-            rows.append((f"stroke in {a.stage!r}", f"{_clean(a.stroke):.5g} mm {peak}"))
+            rows.append((f"stroke in {a.stage!r}", f"{neat(a.stroke)} mm {peak}"))
         if a.force_change is not None:
-            force = f"{_clean(a.force_change):.5g} N {peak} (mount held)"
+            force = f"{neat(a.force_change)} N {peak} (mount held)"
             rows.append((f"force change in {a.stage!r}", force))
     for point in critical_points(run):
         rows.append((f"{point.name} in {point.stage!r}", point.text))
@@ -34,11 +39,11 @@ def summary(run: Run) -> str:
     rows += [
         ("capacitance", f"{c.min():.5g} .. {c.max():.5g} pF"),
         ("peak field", f"{e.max():.4g} MV/m"),
-        ("steps", f"{len(h) - 1}, {int(h['newton_iterations'].sum())} Newton iterations"),
+        (
+            "steps",
+            f"{len(h) - 1}, {counted(int(h['newton_iterations'].sum()), 'Newton iteration')}",
+        ),
     ]
-    beyond = [m for m in margins(run) if not m.ok]
-    for m in beyond:
-        rows.append((f"beyond: {m.name}", f"{m.used} used (1 is the limit), {m.when}"))
     for stop in info.get("stops", ()):
         rows.append((f"{stop['ends']} ended by", f"{stop['when']} at step {stop['step']}"))
     if "timings" in info:
@@ -46,12 +51,22 @@ def summary(run: Run) -> str:
         rows.append(("time", f"{t['total']:.2f} s, of which {t.get('solve', 0):.2f} s solving"))
     rows.append(("results", str(run.directory)))
     width = max(len(name) for name, _ in rows)
-    return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
+    return "\n".join([f"{name:<{width}}  {value}" for name, value in rows] + _beyond(run))
 
 
-def _clean(value: float) -> float:
-    """Without rounding errors and a minus before 0."""
-    return round(float(value), 9) + 0.0
+def _beyond(run: Run) -> list[str]:
+    """A line for each limit that is not kept, in colour on a terminal."""
+    found = sorted((m for m in margins(run) if not m.ok), key=lambda m: not m.given)
+    return [
+        _loud(m.verdict, f"{m.name} {m.used}") + f" (1 is the limit), {m.when}: {m.beyond}"
+        for m in found
+    ]
+
+
+def _loud(verdict: str, text: str) -> str:
+    """In colour, which leaves the text where the output is no terminal."""
+    word = verdict if verdict == "beyond" else verdict.upper()
+    return typer.style(f"{word}: {text}", fg=_COLOURS[verdict], bold=True)
 
 
 def resume_command(run: Run) -> str:
@@ -68,7 +83,10 @@ def resume_command(run: Run) -> str:
 def describe(run: Run) -> str:
     """Status, summary, versions and timings of a run directory."""
     info = run.info
-    lines = [f"{info['name']}: {run.status}"]
+    told = [_loud(verdict, text) for verdict, text in alarms(run).items()]
+    lines = ["; ".join([f"{run.title}: {run.status}", *told])]
+    if info.get("set"):
+        lines.append("changed: " + ", ".join(info["set"]))
     if "error" in info:
         lines.append(str(info["error"]))
     lines += [f"warning: {text}" for text in info.get("warnings", ())]
@@ -86,8 +104,7 @@ def describe(run: Run) -> str:
     if found:
         lines += ["", "margins (1 is the limit)"]
         lines += [
-            f"  {m.name:<19} {m.used:>7} {'ok' if m.ok else 'BEYOND':<7} {m.where:<34} {m.when}"
-            for m in found
+            f"  {m.name:<19} {m.used:>7} {m.verdict:<14} {m.where:<34} {m.when}" for m in found
         ]
     lines += _energy(run)
     lines += ["", "started   " + info["started"], "command   " + " ".join(info["argv"])]
@@ -106,11 +123,11 @@ def _energy(run: Run) -> list[str]:
     lines = []
     for c in found:
         sums = (c.electrical_in, c.electrical, c.mechanical_out, c.mechanical)
-        numbers = " ".join(f"{_clean(v):9.4g}" for v in sums)
+        numbers = " ".join(f"{neat(v, 4):>9}" for v in sums)
         lines.append(f"  {c.name:<44.44} {numbers} {_share(c.transfer)} {_share(c.efficiency)}")
     head = f"  {'cycle':<44} {'el. in':>9} {'el. net':>9} {'mech. out':>9} {'mech. net':>9}"
     return ["", "energy, mJ", f"{head} {'out/in':>8} {'net eff.':>8}", *lines] if lines else []
 
 
 def _share(value: float) -> str:
-    return f"{_clean(value):8.3f}" if value == value else f"{'-':>8}"  # NaN differs from itself
+    return f"{value:z8.3f}" if value == value else f"{'-':>8}"  # NaN differs from itself

@@ -101,7 +101,7 @@ def data(
 def plot(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="run directories")],
     x: Annotated[
-        str | None, typer.Option("-x", metavar="COL", help="column to draw against; default time_s")
+        str | None, typer.Option("-x", metavar="COL", help="column to draw against; default time")
     ] = None,
     y: Annotated[
         list[str] | None, typer.Option("-y", metavar="COL", help="history column; repeat for more")
@@ -144,10 +144,11 @@ def plot(
 @app.command()
 def animate(
     run: RunDirectory,
-    field: Annotated[str, typer.Option(metavar="NAME", help="colours; see dealib plot")] = "E",
-    out: Annotated[
-        Path | None, typer.Option(help=".mp4 or .gif; default RUN/plots/animation-FIELD.mp4")
+    field: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="colours, see dealib plot; repeat for another picture"),
     ] = None,
+    out: Annotated[Path | None, typer.Option(help=".mp4 or .gif; default in RUN/plots/")] = None,
     seconds: Annotated[float, typer.Option(min=0.5, max=120, help="length of the film")] = 8.0,
     dark: Dark = False,
     overwrite: Overwrite = False,
@@ -155,7 +156,7 @@ def animate(
     """Animate the deforming strip beside its input curves."""
     from dealib.cli.animate import animate as draw
 
-    typer.echo(draw(run, field, out, seconds, dark, overwrite))
+    typer.echo(draw(run, field or [], out, seconds, dark, overwrite))
 
 
 @app.command()

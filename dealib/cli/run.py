@@ -19,6 +19,7 @@ from dealib.log import verbose
 from dealib.program import Observer, Simulation, simulate
 from dealib.results.beside import Beside
 from dealib.results.reader import Run
+from dealib.units import counted
 
 
 def run_case(
@@ -41,7 +42,7 @@ def run_case(
         if comm.rank == 0:
             typer.echo(
                 f"{case.config.name}: {simulation.unknowns} unknowns, "
-                f"{simulation.steps_planned} steps; nothing solved, nothing written\n"
+                f"{counted(simulation.steps_planned, 'step')}; nothing solved, nothing written\n"
                 f"{size(case.config, simulation.unknowns)}"
             )
         return

@@ -40,15 +40,17 @@ def draw_comparison(
         for k, c in enumerate(comparisons):
             above, below = axes[:, k]
             unit = split(c.y_name)[1]
-            if history is not None:
-                x, y = np.asarray(history[c.x_name]), np.asarray(history[c.y_name])
-                above.plot(x, y, color="C0", lw=0.8, alpha=0.4, label="whole run")
             few = thinned(c.measured)
             above.plot(
                 c.x[few], c.measured[few], "o", ms=3.5, mfc="none", color="C1", label="measured"
             )
             for number, curve in enumerate(c.curves[:_CURVES]):
                 above.plot(*curve, color="C0", label=None if number else "computed")
+            if history is not None:
+                x, y = np.asarray(history[c.x_name]), np.asarray(history[c.y_name])
+                # what is compared fills the picture
+                above.set(xlim=above.get_xlim(), ylim=above.get_ylim())
+                above.plot(x, y, color="C0", lw=0.8, alpha=0.4, label="whole run")
             below.axhline(0, color="C1", lw=0.8)
             below.plot(c.x[few], (c.computed - c.measured)[few], ".", ms=4, color="C0")
             note = f"RMSE {c.rmse:.3g} {unit}".rstrip() + f", R² {c.r2:.5f}"

@@ -10,6 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 
+from dealib.plots.labels import plain
 from dealib.plots.style import save, theme
 
 Array = npt.NDArray[np.float64]
@@ -74,5 +75,5 @@ def draw_coupon(curves: Sequence[Curve], title: str, unit: str, picture: Path) -
         axes[0, 0].set_ylabel(f"Nominal stress ({unit})")
         axes[1, 0].set_ylabel(f"fitted − measured\n({unit})")
         figure.align_ylabels(axes)
-        figure.suptitle(title, fontsize=11, parse_math=False)
+        figure.suptitle(plain(title), fontsize=11)
         save(figure, picture)

@@ -107,10 +107,7 @@ def finished(path: Path, case: Case, comm: MPI.Comm) -> bool:
 
 def _make(path: Path, overwrite: bool) -> Lock:
     """A directory for a new run; of an old one, what is not dealib's is kept."""
-    used = path.exists() and (
-        not path.is_dir() or any(TEMPORARY not in f.suffixes for f in path.iterdir())
-    )
-    if used:
+    if _used(path):
         if not overwrite:
             raise ConfigError(
                 f"{path} exists and is not empty; choose another --out, --overwrite it, or "
@@ -131,11 +128,22 @@ def _make(path: Path, overwrite: bool) -> Lock:
     return lock
 
 
+def _used(path: Path) -> bool:
+    """Whether there is anything at a path but what a killed run has not finished."""
+    if not path.is_dir():
+        return path.exists()
+    return any(TEMPORARY not in f.suffixes for f in path.iterdir())
+
+
 def _held(path: Path) -> Lock:
     """The lock of a run that may be resumed."""
-    if not path.is_dir():
-        raise ConfigError(f"{path}: nothing to resume, there is no such run; run it without it")
-    if not any((path / name).exists() for name in (INFO, FOLDER)):
+    there = any((path / name).exists() for name in (INFO, FOLDER))
+    if not path.is_dir() or (not there and _used(path)):
+        raise ConfigError(
+            f"{path}: nothing to resume, there is no run here; start it without --resume, or give "
+            "the --out of the run that is meant"
+        )
+    if not there:
         return _make(path, overwrite=False)  # killed before it began
     run = Run(path)
     running = run.status == "running"

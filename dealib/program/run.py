@@ -75,8 +75,8 @@ def line(row: dict[str, Any]) -> str:
     """One step in one line."""
     return (
         f"step {row['step']:4d}  t {row['time_s']:9.4g} s  {row['stage']:<12.12s}"
-        f"  u {row['displacement_mm']:9.5f} mm  F {row['force_N']:9.5f} N"
-        f"  V {row['voltage_kV']:7.4f} kV  C {row['capacitance_pF']:8.3f} pF"
+        f"  u {row['displacement_mm']:z9.5f} mm  F {row['force_N']:z9.5f} N"
+        f"  V {row['voltage_kV']:z7.4f} kV  C {row['capacitance_pF']:8.3f} pF"
         f"  {row['newton_iterations']:2d} it"
     )
 

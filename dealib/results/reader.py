@@ -73,6 +73,12 @@ class Run:
         return str(info["status"])
 
     @cached_property
+    def title(self) -> str:
+        """Name of its directory, and of its config where that is another: 'thicker (deap100)'."""
+        own, config = self.directory.resolve().name, str(self.info["name"])
+        return own if own == config else f"{own} ({config})"
+
+    @cached_property
     def history(self) -> pandas.DataFrame:
         """The history, one row a converged step; that in `results.h5` if the CSV is damaged.
 

@@ -38,7 +38,16 @@ class Axis(Section):
 
     value: str = Field(description="expression")
     label: str = Field(min_length=1, description="with its unit")
-    limits: Limits | None = Field(None, description="range of the reference's axis")
+    limits: Limits | None = Field(
+        None, description="range of the reference's axis; of falling ends, drawn from the first on"
+    )
+    scale: Literal["linear", "log"] = Field("linear", description="of the axis")
+
+    @model_validator(mode="after")
+    def _logarithmic(self) -> Axis:
+        if self.scale == "log" and self.limits is not None and min(self.limits) <= 0:
+            raise ValueAt(("limits",), "a log axis needs limits above zero")
+        return self
 
 
 class Reference(Section):
@@ -82,14 +91,16 @@ class Points(_Panel):
 
 
 class Contour(_Panel):
-    """A field on the strips of one case: straightened, and true to scale at both ends."""
+    """A field on the layers of one case: deformed, straightened, and both ends true to scale."""
 
     kind: Literal["contour"]
     field: str = Field(description="such as S_RR, S_ZZ, E, phi")
     label: str = Field(min_length=1, description="of the colours, with its unit")
     stage: str = Field(description="at the end of this stage")
     factor: float = Field(1.0, description="from the internal unit to the label's")
-    limits: Limits | None = Field(None, description="of the colours; default all but 1 % outliers")
+    limits: Limits | None = Field(
+        None, description="of the colours; default all but 0.6 % of the area"
+    )
     zoom: Length = Field(0.25, gt=0, description="length shown at each end")
 
     @model_validator(mode="after")
