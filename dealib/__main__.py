@@ -9,7 +9,7 @@ import time
 from types import FrameType
 
 import dealib.cli.clock  # noqa: F401 - starts it
-from dealib.errors import ConfigError, DealibError, Interrupted
+from dealib.errors import FAULT, ConfigError, DealibError, Interrupted
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy loads its BLAS
     os.environ.setdefault(_name, "1")
@@ -18,6 +18,9 @@ os.environ.setdefault("MPLBACKEND", "Agg")  # pictures go to files, with a scree
 
 def main() -> None:
     """Run the command line."""
+    from dealib.cli.streams import flushed, guard
+
+    guard()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _stop)
     everywhere = False
@@ -26,11 +29,14 @@ def main() -> None:
     except (DealibError, Interrupted) as error:
         code, everywhere = error.exit_code, error.everywhere
         _say(str(error))
+    except KeyboardInterrupt:  # by a library that has taken the signal
+        code = 130
+        _say("interrupted")
     except Exception as error:
         code = _unforeseen(error)
     if not everywhere:
         _abort_all_ranks(code)
-    sys.exit(code)
+    sys.exit(flushed(code))
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
@@ -46,11 +52,12 @@ def _command() -> int:
     from typer.main import get_command
 
     from dealib.cli.app import app
-    from dealib.cli.usage import UsageError, explain
+    from dealib.cli.usage import UsageError, explain, refuse_long
 
     given = [_at_home(a) for a in sys.argv[1:]]
     verbose = [a for a in given if a in ("-v", "--verbose")]  # it may stand anywhere
     arguments = [a for a in given if a not in verbose] or ["--help"]
+    refuse_long(arguments)
     try:
         command = get_command(app)
         with command.make_context("dealib", [*verbose, *arguments]) as context:
@@ -74,10 +81,10 @@ def _unforeseen(error: Exception) -> int:
             ".venv/bin/dealib is then the program"
         )
         return 4
-    from dealib.cli.fault import EXIT_CODE, told
+    from dealib.cli.fault import told
 
     _say(told(error, sys.argv[1:]), always=True)
-    return EXIT_CODE
+    return FAULT
 
 
 def _at_home(argument: str) -> str:

@@ -6,6 +6,8 @@ import difflib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+FAULT = 70  # exit code of what nobody foresaw: EX_SOFTWARE of sysexits.h
+
 
 def first_line(error: BaseException) -> str:
     """What an error says first, or its kind if it says nothing."""
@@ -21,7 +23,7 @@ class DealibError(Exception):
             stopped.
     """
 
-    exit_code = 1
+    exit_code = FAULT
     everywhere = True
 
 

@@ -9,16 +9,20 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from dealib.errors import DealibError
+from dealib.patience import NOTE
 
 LOGGER = logging.getLogger("dealib")
 LOG = "run.log"
+logging.addLevelName(NOTE, "NOTE")
+PASSING = {"passing": True}  # extra of a warning that is not kept: results tell more in the end
 
 
 class _Terminal(logging.Handler):
     """Writes to whatever standard error is now (a progress bar replaces it)."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        print(f"dealib: {record.getMessage()}", file=sys.stderr, flush=True)
+        stream = sys.stdout if record.levelno == NOTE else sys.stderr
+        print(f"dealib: {record.getMessage()}", file=stream, flush=True)
 
 
 class _Kept(logging.Handler):
@@ -29,7 +33,8 @@ class _Kept(logging.Handler):
         self.texts: list[str] = []
 
     def emit(self, record: logging.LogRecord) -> None:
-        self.texts.append(record.getMessage())
+        if not hasattr(record, "passing"):
+            self.texts.append(record.getMessage())
 
 
 class _File(logging.FileHandler):
@@ -46,7 +51,7 @@ def to_terminal(verbose: bool, here: bool = True) -> None:
         verbose: Also increments and Newton's residuals.
         here: Whether this rank shows anything.
     """
-    level = logging.DEBUG if verbose else logging.WARNING
+    level = logging.DEBUG if verbose else NOTE
     LOGGER.handlers[:] = [_Terminal(level) if here else logging.NullHandler()]
     LOGGER.setLevel(logging.DEBUG if verbose else logging.INFO)
 

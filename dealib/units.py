@@ -9,9 +9,13 @@ from __future__ import annotations
 import functools
 import math
 import re
+from contextlib import suppress
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema
+
+from dealib.errors import did_you_mean
+from dealib.reading import shown
 
 if TYPE_CHECKING:
     import pint
@@ -32,6 +36,7 @@ DIMENSIONS = {
     "volume": ("mm^3", "5 ml"),
     "electric field": ("kV/mm", "80 V/um"),
     "resistance": ("Gohm", "10 kohm"),
+    "rate": ("1/s", "0.01 1/s"),
 }
 
 # the usual units, internal unit -> factors: with them alone a config needs no pint (0.3 s)
@@ -47,7 +52,13 @@ USUAL = {
     "mm^3": {"l": 1e6, "cm^3": 1e3, "cm3": 1e3, "ml": 1e3, "mm^3": 1.0, "mm3": 1.0, "ul": 1.0},
     "Gohm": {"Gohm": 1.0, "Mohm": 1e-3, "kohm": 1e-6, "ohm": 1e-9},
     "kV/mm": {"kV/mm": 1.0, "V/um": 1.0, "MV/m": 1.0},
+    "1/s": {"1/s": 1.0},
 }
+
+# letters with powers of at most one digit, multiplied and divided
+_SYMBOL = r"[µμ]?[A-Za-zΩ°%][A-Za-zµμΩ_]*(?:(?:\^|\*\*)?-?\d|[²³])?"
+_UNIT = re.compile(rf"(?:1|{_SYMBOL})(?:\s*[ */·]\s*{_SYMBOL})*")
+_LEAST = 1e-50  # of each internal unit; squares of what is below are no numbers any more
 
 _NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*")
 
@@ -81,13 +92,22 @@ def parse(text: object, dimension: str) -> float:
         raise ValueError(f"{wanted}, not {kinds.get(type(text), type(text).__name__)}")
     number = _NUMBER.match(_ascii(text))
     if number is None:
-        raise ValueError(f"{wanted}; {str(text)!r} does not start with a number")
+        raise ValueError(f"{wanted}; {shown(text)!r} does not start with a number")
     given = str(text)[number.end() :].strip()
     if not given:
-        raise ValueError(f"{wanted}; {str(text).strip()!r} has no unit")
+        raise ValueError(f"{wanted}; {shown(str(text).strip())!r} has no unit")
     value = float(number.group()) * _factor(given, unit, wanted)
     if not math.isfinite(value):
-        raise ValueError(f"{wanted}; {str(text).strip()!r} is too large")
+        raise ValueError(f"{wanted}; {shown(str(text).strip())!r} is too large")
+    return value
+
+
+def sensible(text: object, dimension: str) -> float:
+    """Read a quantity of a config (see `parse`), neither so small nor so large that sums fail."""
+    value = parse(text, dimension)
+    if value and not _LEAST <= abs(value) <= 1 / _LEAST:
+        size = "small" if abs(value) < 1 else "large"
+        raise ValueError(f"{shown(str(text).strip())!r} is too {size} for a {dimension}")
     return value
 
 
@@ -99,14 +119,27 @@ def _factor(given: str, unit: str, wanted: str) -> float:
         return usual
     import pint
 
-    try:
-        quantity = _registry().Quantity(1.0, given)
-    except Exception:  # pint raises its parser's and tokenizer's errors as they come
-        raise ValueError(f"{wanted}; {given!r} is no unit") from None
-    try:
-        return float(quantity.to(unit).magnitude)
-    except pint.DimensionalityError:
-        raise ValueError(f"{wanted}; '{given}' is not a unit of that kind") from None
+    problem = "is no unit"
+    if _UNIT.fullmatch(given):  # pint would work out whatever stands there
+        try:
+            return float(_registry().Quantity(1.0, given).to(unit).magnitude)
+        except pint.DimensionalityError:
+            problem = "is not a unit of that kind"
+        except Exception:  # pint raises its parser's and tokenizer's errors as they come
+            pass
+    raise ValueError(f"{wanted}; {shown(given)!r} {problem}{_near(given, unit)}")
+
+
+def _near(given: str, unit: str) -> str:
+    """A hint at what unit may be meant: its power, its capitals, or one with nearly its name."""
+    power = re.sub(r"(?<=[A-Za-z])(?=\d$)", "^", given)
+    if power != given:
+        with suppress(ValueError):
+            return f"; did you mean {power!r}?" * bool(_factor(power, unit, ""))
+    usual = USUAL.get(unit, {})
+    same = [known for known in usual if known.lower() == given.replace("µ", "u").lower()]
+    hint = f"; did you mean {same[0]!r}?" if same else did_you_mean(given, usual)
+    return hint if "did you mean" in hint else ""
 
 
 def factor(given: str, unit: str) -> float:
@@ -129,6 +162,8 @@ def convert(amount: tuple[float, str], unit: str) -> float:
         return value
     if not given:
         raise ValueError(f"expected a unit such as '{unit}'; '{value:g}' has no unit")
+    if not unit and given == "%":
+        return value / 100
     if not unit:
         raise ValueError(f"expected a plain number; '{value:g} {given}' has a unit")
     return value * factor(given, unit)
@@ -156,11 +191,22 @@ def write(value: float, dimension: str) -> str:
     return f"{value!r} {DIMENSIONS[dimension][0]}"
 
 
+def neat(value: float, digits: int = 5) -> str:
+    """A number for the eye: '-0.4', and '0' instead of the -1e-17 that rounding leaves."""
+    return f"{0.0 if abs(value) < 1e-9 else value:.{digits}g}"
+
+
+def counted(number: int, noun: str) -> str:
+    """'1 study', '2 studies', '3 cases'."""
+    plural = f"{noun[:-1]}ies" if noun.endswith("y") else f"{noun}s"
+    return f"{number} {noun if number == 1 else plural}"
+
+
 def _quantity(dimension: str) -> Any:
     _, example = DIMENSIONS[dimension]
     return Annotated[
         float,
-        BeforeValidator(functools.partial(parse, dimension=dimension)),
+        BeforeValidator(functools.partial(sensible, dimension=dimension)),
         PlainSerializer(functools.partial(write, dimension=dimension), return_type=str),
         WithJsonSchema(
             {
@@ -194,6 +240,7 @@ if TYPE_CHECKING:
     Volume: TypeAlias = float
     ElectricField: TypeAlias = float
     Resistance: TypeAlias = float
+    Rate: TypeAlias = float
 else:
     Length, Time, Force, Mass, Stress = map(
         _quantity, ("length", "time", "force", "mass", "stress")
@@ -201,4 +248,4 @@ else:
     Stiffness, Voltage, Charge, Volume = map(
         _quantity, ("stiffness", "voltage", "charge", "volume")
     )
-    ElectricField, Resistance = map(_quantity, ("electric field", "resistance"))
+    ElectricField, Resistance, Rate = map(_quantity, ("electric field", "resistance", "rate"))

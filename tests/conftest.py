@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import functools
 import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -42,6 +44,19 @@ def film_of(config: Config) -> Film:
     """What margins need of the film of a config."""
     material, (region, *_) = local.film_groups(config)["film"]
     return Film.of(material, mounted_fresh(config, region))
+
+
+@functools.cache
+def _said_by_mpi() -> frozenset[str]:
+    command = [sys.executable, "-c", "from mpi4py import MPI"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    return frozenset(done.stderr.splitlines())
+
+
+def said(errors: str) -> str:
+    """Standard error without what MPI itself says on this machine, such as hwloc without /sys."""
+    kept = [line for line in errors.splitlines(True) if line.rstrip("\n") not in _said_by_mpi()]
+    return "".join(kept)
 
 
 def thinned(given: dealib.Case, path: Path, thickness: Callable[[float], float]) -> Path:

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from conftest import said
 
 from dealib.__main__ import main
 from dealib.config import load
@@ -79,7 +80,7 @@ EDITS = [
      "a unit of that kind", "30 s"),
     ("unknown unit", "1 MPa", "1 MPaa",
      "13:21: materials.film.youngs_modulus: expected a stress with its unit, such as '1 MPa'; "
-     "'MPaa' is no unit", "1 MPaa"),
+     "'MPaa' is no unit; did you mean 'MPa'?", "1 MPaa"),
     ("no number", "8 mm", "eight mm",
      "3:17: geometry.inner_radius: expected a length with its unit, such as '30 um'; 'eight mm' "
      "does not start with a number", "eight mm"),
@@ -284,7 +285,7 @@ EDITS = [
      "unit of that kind", "0.3 N"),
     ("an unknown unit at a port", "[0 V, 2 kV, 0 V]", "2.5 KV",
      "22:42: program.2.terminal.voltage: expected a voltage with its unit, such as '2.5 kV'; 'KV' "
-     "is no unit", "2.5 KV"),
+     "is no unit; did you mean 'kV'?", "2.5 KV"),
     ("an empty polyline", "[0 V, 2 kV, 0 V]", "[]",
      "22:42: program.2.terminal.voltage: must not be empty", "[]"),
     ("a table of a single force", "displacement: -2 mm",
@@ -590,7 +591,8 @@ def mixed(text):
 
 # (what, change of the mesh's text, texts in the config and their replacements, message)
 MESHES = [
-    ("no mesh", lambda good: "hello", {}, "Gmsh cannot read it: "),
+    ("no mesh", lambda good: "hello", {},
+     "no mesh of Gmsh's, which begins with $MeshFormat\n"),
     ("without the names", lambda good: GMSH, {},
      "no physical group named film, top_electrode, bottom_electrode, mount_block, frame_block, "
      "air, inner, outer, film_top, film_bottom, axis_air, outer_air, top_air, bottom_air; the "
@@ -691,7 +693,7 @@ def test_from_outside(tmp_path, arguments):
     (tmp_path / "case.yaml").write_text(BASE.replace("12 mm", "7 mm"))
     done = command(*arguments, cwd=tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith("dealib: ")
+    assert said(done.stderr).startswith("dealib: ")
     assert "Traceback" not in done.stderr
     assert [p.name for p in tmp_path.iterdir()] == ["case.yaml"]
 
@@ -700,10 +702,10 @@ def test_unreadable_file(tmp_path, monkeypatch):
     path = tmp_path / "case.yaml"
     path.write_text(BASE)
 
-    def refuse(self, *args, **kwargs):  # root, who may run this, reads files of any mode
-        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(self))
+    def refuse(given, *args, **kwargs):  # root, who may run this, reads files of any mode
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(given))
 
-    monkeypatch.setattr(Path, "read_text", refuse)
+    monkeypatch.setattr(os, "open", refuse)
     with pytest.raises(ConfigError) as caught:
         load(path)
     assert str(caught.value) == f"{path}: cannot read the config: Permission denied"

@@ -126,7 +126,7 @@ class Lines:
             u = np.linspace(0, 1, 101)
             F = modulus * u + film.relative_permittivity * u**2
             stage = np.array(["push"] * len(u))
-            found.append({"displacement_mm": u, "force_N": F, "stage": stage})
+            found.append({"displacement_mm": u, "force_N": F, "time_s": u, "stage": stage})
         return found
 
 
@@ -144,8 +144,12 @@ def line_fit(folder, noise_seed=None, text=FIT, modulus=2.0, permittivity=3.0):
     return Plan(folder / "fit.yaml")
 
 
-def search(plan):
+def fit(plan):
     return run_search(plan, Lines(), lambda line: None)
+
+
+def search(plan):
+    return fit(plan).found
 
 
 def test_exact_data_give_the_exact_values(tmp_path):
@@ -179,15 +183,97 @@ def test_errors_are_those_of_linear_least_squares(tmp_path):
 
 def test_profile_agrees_with_covariance_where_the_model_is_linear(tmp_path):
     plain = search(line_fit(tmp_path, 1))
-    profile = search(line_fit(tmp_path, 1, FIT + "method: {profile: true}\n"))
+    profile = search(line_fit(tmp_path, 1, FIT + "method: {intervals: profile}\n"))
     for a, b in zip(plain.estimates, profile.estimates, strict=True):
         assert (b.low, b.high) == pytest.approx((a.low, a.high), rel=1e-3)
 
 
 def test_bounds_are_kept_and_told(tmp_path):
-    fitted = search(line_fit(tmp_path, text=FIT.replace("max: 9", "max: 2.5")))
-    assert 2.49 < fitted.estimates[1].value <= 2.5
-    assert any("relative_permittivity is at its bound" in r for r in report.remarks(fitted))
+    fitted = fit(line_fit(tmp_path, text=FIT.replace("max: 9", "max: 2.5")))
+    assert 2.49 < fitted.found.estimates[1].value <= 2.5
+    assert report.headline(fitted) == (
+        "NO SUCCESS: At its bound (widen it, or take the parameter out): "
+        "materials.film.relative_permittivity."
+    )
+
+
+def test_no_success_is_an_exit_code(tmp_path):
+    from dealib.cli.calibrate import _tell
+
+    plan = line_fit(tmp_path, text=FIT.replace("max: 9", "max: 2.5"))
+    with pytest.raises(NotConverged, match="line: the fit is no success: At its bound") as error:
+        _tell(fit(plan), tmp_path)
+    assert error.value.exit_code == 3
+    assert "NO SUCCESS" in (tmp_path / "report.txt").read_text().splitlines()[0]
+    assert "NO SUCCESS" in (tmp_path / "report.md").read_text()
+
+
+def changed(folder, x=lambda u: u, y=lambda F: F, header="displacement [mm],force [N]"):
+    """The plan of `line_fit` with data that were changed."""
+    plan = line_fit(folder)
+    u = np.linspace(0.05, 1, 20)
+    rows = zip(x(u).tolist(), y(2 * u + 3 * u**2).tolist(), strict=True)
+    (folder / "data.csv").write_text(header + "\n" + "".join(f"{a},{b}\n" for a, b in rows))
+    return plan
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "hint"),
+    [
+        (lambda u: -u, lambda F: F, "spans -1 .. -0.05 mm, the run's 0 .. 1 mm; with the opposite "
+         "sign of displacement 100 % would lie inside"),
+        (lambda u: -u, lambda F: -F, "spans -1 .. -0.05 mm, the run's 0 .. 1 mm; with the opposite "
+         "sign of displacement 100 % would lie inside, and force then has the opposite sign too"),
+        (lambda u: u + 6, lambda F: F, "spans 6.05 .. 7 mm, the run's 0 .. 1 mm; with -6.05 mm "
+         "added to displacement 100 % would lie inside"),
+        (lambda u: 1e3 * u, lambda F: F, "spans 50 .. 1000 mm, the run's 0 .. 1 mm; with "
+         "displacement times 1e-3 100 % would lie inside"),
+        (lambda u: 40 * u - 25, lambda F: F, "spans -23 .. 15 mm, the run's 0 .. 1 mm"),
+    ],
+)  # fmt: skip
+def test_data_mostly_outside_are_refused_with_a_hint(tmp_path, x, y, hint):
+    with pytest.raises(ConfigError) as error:
+        fit(changed(tmp_path, x, y))
+    share = "5 %" if "-23" in hint else "0 %"
+    said = f"{tmp_path / 'data.csv'}: {share} of the points lie inside the run: displacement {hint}"
+    assert str(error.value) == said
+
+
+def test_a_mirrored_force_is_no_success(tmp_path):
+    fitted = fit(changed(tmp_path, y=lambda F: -F))
+    said = report.failures(fitted.found)
+    assert said[-1].startswith("data.csv, force_N: R2 is -")
+    assert said[-1].endswith(", worse than a constant, and the sign looks mirrored.")
+
+
+def test_time_is_no_curve_beside_another_abscissa(tmp_path):
+    plan = line_fit(tmp_path, text=FIT.replace("    sigma", "    x: displacement\n    sigma"))
+    rows = [line.split(",") for line in (tmp_path / "data.csv").read_text().splitlines()[1:]]
+    (tmp_path / "data.csv").write_text(
+        "time [s],displacement [mm],force [N]\n"
+        + "".join(f"{i},{u},{F}\n" for i, (u, F) in enumerate(rows))
+    )
+    found = fit(plan).found
+    assert [c.y_name for c in found.comparisons[0]] == ["force_N"]
+    assert [e.value for e in found.estimates] == pytest.approx([2, 3], rel=1e-6)
+
+
+def test_intervals_hold_with_noise_in_both_columns(tmp_path):
+    """Orthogonal distances: 60 intervals of 95 %; with an exact abscissa they would be biased."""
+    text = FIT.replace("{force: 10 mN}", "{force: 10 mN, displacement: 20 um}")
+    plan = line_fit(tmp_path, text=text)
+    hits, scales = [], []
+    for seed in range(30):
+        random = np.random.default_rng(seed)
+        u = np.linspace(0.05, 0.95, 40)
+        x, y = u + random.normal(0, 0.02, 40), 2 * u + 3 * u**2 + random.normal(0, 0.01, 40)
+        rows = "".join(f"{a},{b}\n" for a, b in zip(x.tolist(), y.tolist(), strict=True))
+        (tmp_path / "data.csv").write_text("displacement [mm],force [N]\n" + rows)
+        found = search(plan)
+        hits += [e.low < true < e.high for e, true in zip(found.estimates, (2, 3), strict=True)]
+        scales.append(found.noise[0][0].scale)
+    assert np.mean(hits) >= 0.88
+    assert np.mean(scales) == pytest.approx(1, abs=0.05)  # the noise is what it is said to be
 
 
 def test_points_that_the_run_does_not_reach_are_told(tmp_path):
@@ -195,9 +281,9 @@ def test_points_that_the_run_does_not_reach_are_told(tmp_path):
     (tmp_path / "data.csv").write_text(
         "displacement [mm],force [N]\n0.5,1.75\n1,5\n1.5,8.98\n2,12.96\n"
     )
-    told = report.remarks(search(plan))
+    told = report.remarks(fit(plan))
     assert "data.csv, force_N: the run does not reach 2 of 4 points" in " ".join(told)
-    assert not any("does not reach" in r for r in report.remarks(search(line_fit(tmp_path))))
+    assert not any("does not reach" in r for r in report.remarks(fit(line_fit(tmp_path))))
 
 
 def test_cases_that_do_not_converge_are_stepped_around(tmp_path):
@@ -251,6 +337,8 @@ def test_cases_that_do_not_converge_are_stepped_around(tmp_path):
          "8:12: data.0.stage: the program has no such stage; it has prestrain, push, actuate"),
         ("    sigma", "    stages: pull\n    sigma",
          "8:5: data.0.stages: unknown key; did you mean 'stage'?"),
+        ("    sigma", "    columns: {displacement: F, force: F}\n    sigma",
+         "8:39: data.0.columns.force: 'F' is displacement already; a column is one quantity"),
         ("name: line", "name: a b",
          "1:7: name: use letters, digits, '_', '-', '.' and '+' only"),
     ],
@@ -272,7 +360,7 @@ def test_bad_fit(tmp_path, old, new, expected):
          "8:20: data.0.sigma.force: expected a unit such as 'N'; '10' has no unit"),
         ("{force: 10 mN}", "{force: 0 mN}", "8:20: data.0.sigma.force: must be above 0"),
         ("{force: 10 mN}", "{farce: 1 N}",
-         "8:13: data.0.sigma.farce: no curve of this file; it has force"),
+         "8:13: data.0.sigma.farce: no curve of this file; it has displacement, force"),
     ],
 )  # fmt: skip
 def test_bad_sigma(tmp_path, old, new, expected):
@@ -280,6 +368,30 @@ def test_bad_sigma(tmp_path, old, new, expected):
     with pytest.raises(ConfigError) as error:
         search(plan)
     assert str(error.value).splitlines()[0] == f"{Path(tmp_path) / 'fit.yaml'}:{expected}"
+
+
+def test_data_are_prepared_and_their_reading_is_told(tmp_path):
+    """Counted the other way round, from another zero, with a cell that is missing."""
+    keys = """
+    x: displacement
+    columns: {displacement: "Weg [um]", force: "Kraft [mN]"}
+    prepare: {displacement: {sign: -1, offset: 50 um}, force: {sign: -1, offset: -7 mN}}
+    sigma"""
+    plan = line_fit(tmp_path, text=FIT.replace("\n    sigma", keys))
+    u = np.linspace(0.05, 1, 20)
+    force = 2 * u + 3 * u**2
+    rows = "".join(
+        f"{i};{50 - 1e3 * a:.6f};{-7 - 1e3 * F:.6f}\n"
+        for i, (a, F) in enumerate(zip(u, force, strict=True))
+    )
+    data = "Nr;Weg;Kraft\n;um;mN\n" + rows.replace(".", ",") + "20;1,0;\n"
+    (tmp_path / "data.csv").write_text(data, encoding="utf-16")
+    told = []
+    fitted = run_search(plan, Lines(), told.append)
+    assert told[0].startswith("data.csv: UTF-16; columns parted by ';'; decimal mark ','; ")
+    assert told[0].endswith("; force_N plus -7 mN; 1 row without a point left out")
+    assert fitted.points == 20
+    assert [e.value for e in fitted.estimates] == pytest.approx([2, 3], rel=1e-4)
 
 
 def test_foreign_directory_is_left_alone(tmp_path, monkeypatch, capsys):

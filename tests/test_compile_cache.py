@@ -7,6 +7,7 @@ import sys
 import time
 
 import pytest
+from conftest import said
 
 CODE = """
 import sys, ufl
@@ -28,7 +29,7 @@ def compile_in(cache):
         env=os.environ | {"XDG_CACHE_HOME": str(cache)},
         capture_output=True,
         text=True,
-        timeout=100,
+        timeout=300,
     )
     return job, time.monotonic() - begin
 
@@ -36,7 +37,7 @@ def compile_in(cache):
 def test_stale_marks_are_removed_and_live_ones_waited_for(tmp_path):
     job, _ = compile_in(tmp_path)
     assert job.returncode == 0, job.stderr
-    assert job.stderr == ""
+    assert said(job.stderr) == ""
     folder = tmp_path / "fenics" / "dealib"
     assert job.stdout.strip() == str(folder)
     (ready,) = folder.glob("libffcx_forms_*.c.cached")
@@ -84,7 +85,7 @@ def test_killed_while_compiling(tmp_path, seconds):
     os.killpg(first.pid, 9)
     first.wait()
     second = subprocess.run(
-        command("--out", tmp_path / "a", "--resume"), env=environment, timeout=120
+        command("--out", tmp_path / "a", "--resume"), env=environment, timeout=300
     )
     assert second.returncode == 0
 

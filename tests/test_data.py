@@ -5,8 +5,12 @@ import pytest
 from typer.testing import CliRunner
 
 from dealib.cli.app import app
-from dealib.data.compare import branches, compare
-from dealib.data.measured import read, split_unit
+from dealib.data.branches import branches
+from dealib.data.branches import noise as noise_of
+from dealib.data.compare import compare
+from dealib.data.measured import measured
+from dealib.data.names import split_unit
+from dealib.data.schema import Selection
 from dealib.errors import ConfigError
 from dealib.plots.compare import draw_comparison
 
@@ -50,18 +54,19 @@ def test_headers(header, expected):
 )
 def test_units_and_delimiters(tmp_path, text):
     (tmp_path / "data.csv").write_text(text)
-    measured = read(tmp_path / "data.csv", COLUMNS)
-    assert (measured.x, measured.curves) == ("displacement_mm", ["force_N"])
-    assert measured.columns["displacement_mm"] == pytest.approx([-1, -2])
-    assert measured.columns["force_N"] == pytest.approx([-0.1, -0.25])
+    found = measured(tmp_path / "data.csv", COLUMNS)
+    assert (found.x, found.curves) == ("displacement_mm", ["force_N"])
+    assert found.columns["displacement_mm"] == pytest.approx([-1, -2])
+    assert found.columns["force_N"] == pytest.approx([-0.1, -0.25])
 
 
 def test_columns_by_other_names(tmp_path):
     (tmp_path / "data.csv").write_text("no,Load cell [mN],u [mm]\n1,-100,-1\n2,-250,-2\n")
     names = {"force": "Load cell [mN]", "displacement": "u [mm]"}
-    measured = read(tmp_path / "data.csv", COLUMNS, names, x="displacement")
-    assert measured.x == "displacement_mm"
-    assert measured.columns["force_N"] == pytest.approx([-0.1, -0.25])
+    wanted = Selection(file="data.csv", columns=names, x="displacement")
+    found = measured(tmp_path / "data.csv", COLUMNS, wanted)
+    assert found.x == "displacement_mm"
+    assert found.columns["force_N"] == pytest.approx([-0.1, -0.25])
 
 
 GOOD = "displacement [mm],force [N]\n"
@@ -70,35 +75,42 @@ GOOD = "displacement [mm],force [N]\n"
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("", ": expected a header line and at least two lines of numbers"),
+        ("", ": the file is empty"),
         (GOOD + "1,2\n", ": expected a header line and at least two lines of numbers"),
-        (GOOD + "1,2\n1\n", ":3: 1 values for 2 columns"),
-        (GOOD + "1,2\n1,x\n", ":3: force [N]: 'x' is no number"),
-        (GOOD + "1,nan\n1,2\n", ":2: force [N]: 'nan' is not finite"),
+        (GOOD + "1,2\n1\n", ": fewer than two rows have numbers for x and a curve"),
+        (GOOD + "1,2\n1,2,3\n", ":1: 2 headers for 3 columns of numbers; a header with a comma or "
+         "a blank in it needs quotes, numbers with decimal commas another delimiter"),
+        (GOOD + "1,2\n1,x\n1,3\n", ":3: force [N]: 'x' is no number"),
+        (GOOD + "1,nan\n1,2\n", ": fewer than two rows have numbers for x and a curve"),
         ("displacement,force [N]\n1,2\n3,4\n",
-         ": column 'displacement' has no unit; write 'displacement [mm]'"),
+         ": column 'displacement' has no unit; write 'displacement [mm]', here or as columns: "
+         "{displacement: 'displacement [mm]'}"),
         ("displacement [mm],farce [N]\n1,2\n3,4\n",
-         ": column 'farce [N]' is no quantity of a run; did you mean 'force'?"),
+         ": column 'farce [N]' is no quantity of a run; did you mean 'force'?; name those that "
+         "are (columns) or leave it out (ignore)"),
         ("displacement [mm],force [kV]\n1,2\n3,4\n",
          ": column 'force [kV]': expected a unit such as 'N'; 'kV' is not a unit of that kind"),
         ("displacement [mm],force [Nn]\n1,2\n3,4\n",
-         ": column 'force [Nn]': expected a unit such as 'N'; 'Nn' is no unit"),
+         ": column 'force [Nn]': expected a unit such as 'N'; 'Nn' is no unit; "
+         "did you mean 'N'?"),
         ("force [N]\n1\n3\n", ": a curve needs two columns, x and y"),
-        ("force [N],force [N]\n1,2\n3,4\n", ":1: two columns have the same header"),
+        ("time [s],displacement [mm],force [N],force [mN]\n1,2,3,4\n3,4,5,6\n",
+         ": columns 'force [N]' and 'force [mN]' are both force: name one (columns) or leave one "
+         "out (ignore)"),
     ],
 )  # fmt: skip
 def test_bad_data(tmp_path, text, expected):
     path = tmp_path / "data.csv"
     path.write_text(text)
     with pytest.raises(ConfigError) as error:
-        read(path, COLUMNS)
+        measured(path, COLUMNS)
     assert str(error.value) == f"{path}{expected}"
 
 
 def measured_of(tmp_path, x, y):
     lines = "".join(f"{a!r},{b!r}\n" for a, b in zip(map(float, x), map(float, y), strict=True))
     (tmp_path / "data.csv").write_text(GOOD + lines)
-    return read(tmp_path / "data.csv", COLUMNS)
+    return measured(tmp_path / "data.csv", COLUMNS)
 
 
 def test_branches_ignore_noise():
@@ -140,7 +152,7 @@ def test_a_branch_begins_where_the_abscissa_leaves_its_rest(tmp_path):
     run = {"voltage_kV": voltage, "force_N": force, "stage": ["load"] * 3 + ["cycle"] * 4}
     path = tmp_path / "data.csv"
     path.write_text("voltage [kV],force [N]\n0,-0.3\n1,-0.28\n2,-0.2\n")
-    (found,) = compare(run, read(path, ["voltage_kV", "force_N"]))
+    (found,) = compare(run, measured(path, ["voltage_kV", "force_N"]))
     assert found.computed == pytest.approx([-0.3, -0.28, -0.2], abs=1e-12)
     assert found.rmse == pytest.approx(0, abs=1e-12)
 
@@ -203,7 +215,7 @@ def test_compare_command(strip_run, tmp_path, monkeypatch):
 
     done = call("data.csv", "--out", "picture.png")
     assert done.exit_code == 0
-    force, capacitance = done.output.splitlines()[1:3]
+    force, capacitance = done.output.splitlines()[2:4]
     assert force.split()[:4] == ["force_N", "13", "0.002", "N"]
     assert capacitance.split()[0] == "capacitance_pF"
     assert float(capacitance.split()[-1]) == 1
@@ -219,3 +231,287 @@ def test_compare_command(strip_run, tmp_path, monkeypatch):
         error = call("data.csv", "--out", out).exception
         assert isinstance(error, ConfigError)
         assert str(error) == said
+
+
+# --- which columns, and what is done to them -----------------------------------------------------
+
+
+def chosen(tmp_path, text, history=COLUMNS, **keys):
+    path = tmp_path / "data.csv"
+    path.write_text(text)
+    wanted = Selection.model_validate({"file": "data.csv", **keys})
+    return measured(path, history, wanted)
+
+
+def test_a_unit_is_given_where_the_file_has_none(tmp_path):
+    text = "t,Load,Way\n0,100,-1\n1,200,-2\n"
+    names = {"force": "Load [mN]", "displacement": "column 3 [mm]"}
+    with pytest.raises(ConfigError, match=r"no column 'column 3 \[mm\]'; known: t, Load, Way"):
+        chosen(tmp_path, text, columns=names)
+    names["displacement"] = "Way [um]"
+    found = chosen(tmp_path, text, columns=names, x="displacement")
+    assert found.columns["force_N"].tolist() == [0.1, 0.2]
+    assert found.columns["displacement_mm"].tolist() == [-0.001, -0.002]
+    assert "force_N from 'Load [mN]', displacement_mm from 'Way [um]'" in found.account
+
+
+def test_curves_side_by_side_keep_their_own_length(tmp_path):
+    text = "a,,b,\nX,Y,X,Y\n0,0,0,0\n1,10,2,30\n2,20,,\n"
+    first = chosen(tmp_path, text, columns={"voltage": "a X [kV]", "force": "a Y [N]"})
+    second = chosen(tmp_path, text, columns={"voltage": "b X [kV]", "force": "b Y [N]"})
+    assert first.columns["force_N"].tolist() == [0, 10, 20]
+    assert second.columns["force_N"].tolist() == [0, 30]
+    assert "1 row without a point left out" in second.account
+
+
+def test_what_is_missing_of_one_curve_is_kept_of_the_other(tmp_path):
+    """A logger that writes its channels in turn."""
+    text = "voltage [kV],force [N],displacement [mm]\n0,1,\n1,,-1\n2,3,\n3,OL,-3\n4,5,9.9E37\n"
+    found = chosen(tmp_path, text)
+    assert found.points == 5
+    run = {"voltage_kV": np.arange(5.0), "stage": ["a"] * 5}
+    run |= {"force_N": 1 + np.arange(5.0), "displacement_mm": -np.arange(5.0)}
+    force, displacement = compare(run, found)
+    assert (force.x.tolist(), displacement.x.tolist()) == ([0, 2, 4], [1, 3])
+    assert (force.rmse, displacement.rmse) == (pytest.approx(0), pytest.approx(0))
+
+
+def test_time_is_no_curve_over_something_else(tmp_path):
+    text = "time [s],displacement [mm],force [N]\n0,-1,1\n1,-2,2\n"
+    found = chosen(tmp_path, text, x="displacement")
+    assert found.curves == ["force_N"]
+    assert list(found.columns) == ["displacement_mm", "time_s", "force_N"]  # for who needs them
+    assert chosen(tmp_path, text).curves == ["displacement_mm", "force_N"]
+    with pytest.raises(ConfigError, match="a curve needs two columns, x and y, that are no times"):
+        chosen(tmp_path, text, x="displacement", ignore=("force [N]",))
+
+
+def test_two_quantities_of_one_column_are_refused():
+    names = {"displacement": "Load cell [mN]", "force": "Load cell [mN]"}
+    with pytest.raises(ValueError, match=r"'Load cell \[mN\]' is displacement already"):
+        Selection.model_validate({"file": "a.csv", "columns": names})
+
+
+def test_unknown_columns_are_left_out_by_name(tmp_path):
+    text = "No.,voltage (ch 1) [kV],force [N],Temp [degC]\n1,0,1,20\n2,1,2,21\n"
+    found = chosen(tmp_path, text, ignore=("No.", "Temp"))
+    assert (found.x, found.curves) == ("voltage_kV", ["force_N"])
+    with pytest.raises(ConfigError, match=r"column 'No\.' is no quantity of a run"):
+        chosen(tmp_path, text)
+
+
+RAMP = "time [s],displacement [mm],force [N]\n" + "".join(
+    f"{0.1 * i:.1f},{0.05 * i + 1},{0.01 * i + 0.2}\n" for i in range(21)
+)
+
+
+def test_a_column_is_prepared_in_the_order_that_is_documented(tmp_path):
+    prepare = {
+        "displacement": {"sign": -1, "zero": "start"},
+        "force": {"factor": 2, "offset": "100 mN", "zero": 3, "range": ["0 N", "150 mN"]},
+    }
+    found = chosen(tmp_path, RAMP, x="displacement", prepare=prepare)
+    i = np.arange(21)
+    force = 2 * (0.01 * i + 0.2) + 0.1
+    force -= force[:3].mean()  # at row 1
+    kept = (force >= 0) & (force <= 0.15)
+    assert kept.sum() == 8
+    assert found.columns["force_N"] == pytest.approx(force[kept])
+    assert found.columns["displacement_mm"] == pytest.approx(-0.05 * i[kept])
+    assert "displacement_mm times -1; zero of displacement_mm at -1 mm; force_N times 2; " in (
+        found.account
+    )
+    assert "13 rows outside a range left out" in found.account
+
+
+def test_a_shift_moves_a_column_in_time(tmp_path):
+    found = chosen(tmp_path, RAMP, prepare={"force": {"shift": "250 ms"}})
+    t, force = found.columns["time_s"], found.columns["force_N"]
+    late = np.isfinite(force)
+    assert t[late][0] == pytest.approx(0.3)  # nothing was measured before
+    assert force[late] == pytest.approx(0.2 + 0.1 * (t[late] - 0.25))
+    with pytest.raises(ConfigError, match="a shift needs a column of times that increase"):
+        chosen(tmp_path, RAMP.replace("time [s]", "voltage [kV]"),
+               prepare={"force": {"shift": "1 s"}})  # fmt: skip
+
+
+def test_outliers_are_left_out_and_noise_is_smoothed(tmp_path):
+    rng = np.random.default_rng(7)
+    t = np.linspace(0, 10, 500)
+    force = np.sin(t) + rng.normal(0, 0.02, 500)
+    spikes = [50, 200, 333, 334, 470]
+    force[spikes] += 0.5
+    lines = "".join(f"{a:.4f},{b:.6f}\n" for a, b in zip(t, force, strict=True))
+    prepare = {"force": {"outliers": 6, "smooth": 21}}
+    found = chosen(tmp_path, "time [s],force [N]\n" + lines, prepare=prepare)
+    t, smooth = found.columns["time_s"], found.columns["force_N"]
+    assert len(t) == 495
+    assert "5 outliers of force_N left out; force_N smoothed over 21 rows" in found.account
+    # the filter's window of 21 rows leaves 0.31 of the noise, by its sum of squared weights
+    assert np.std((smooth - np.sin(t))[10:-10]) == pytest.approx(0.02 * 0.327, rel=0.25)
+
+
+def test_means_over_the_plateaus_of_a_switched_voltage(tmp_path):
+    rng = np.random.default_rng(3)
+    steps = np.repeat([0.0, 1.0, 2.0, 1.0, 0.0], 40)
+    since = np.tile(np.arange(40), 5)
+    creep = -0.1 * steps**2 * (1 - np.exp(-since / 4))
+    text = "".join(
+        f"{0.1 * i:.1f},{v + rng.normal(0, 1e-3):.5f},{u + rng.normal(0, 1e-4):.6f}\n"
+        for i, (v, u) in enumerate(zip(steps, creep, strict=True))
+    )
+    text = "time [s],voltage [kV],displacement [mm]\n" + text
+    found = chosen(tmp_path, text, x="voltage", plateaus={"of": "voltage", "settle": 0.75})
+    assert found.columns["voltage_kV"] == pytest.approx([0, 1, 2, 1, 0], abs=1e-3)
+    assert found.columns["displacement_mm"] == pytest.approx([0, -0.1, -0.4, -0.1, 0], abs=2e-4)
+    with pytest.raises(ConfigError, match="force_N rests on no plateaus of at least 3 rows"):
+        chosen(tmp_path, RAMP, plateaus={"of": "force"})
+
+
+def test_many_rows_become_few_without_a_bias(tmp_path):
+    rng = np.random.default_rng(11)
+    u = np.concatenate([np.linspace(0, 1, 3000), np.linspace(1, 0, 3000)])
+    x, y = u + rng.normal(0, 2e-3, 6000), u**2 + rng.normal(0, 0.02, 6000)
+    rows = "".join(f"{a:.6f},{b:.6f}\n" for a, b in zip(x, y, strict=True))
+    found = chosen(tmp_path, "displacement [mm],force [N]\n" + rows, resample=60)
+    u, force = found.columns["displacement_mm"], found.columns["force_N"]
+    assert len(u) == pytest.approx(60, abs=2)
+    # noise of a mean of 100 rows, with that of x where the slope is 2 u
+    assert np.std(force - u**2) == pytest.approx(0.002, rel=0.4)
+    assert abs(np.mean(force - u**2)) < 1e-3
+    assert [b.stop for b in branches(u)] == pytest.approx([30, 60], abs=2)
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"prepare": {"farce": {}}}, "prepare: no column 'farce'; did you mean 'force'?"),
+        ({"plateaus": {"of": "volts"}}, "plateaus.of: no column 'volts'; known: "
+         "time, displacement, force"),
+        ({"prepare": {"force": {"offset": "1 mm"}}}, "expected a unit such as 'N'; 'mm' is not a "
+         "unit of that kind"),
+        ({"prepare": {"force": {"smooth": 31}}}, "21 values are too few to smooth over 31 rows"),
+        ({"x": "voltage"}, "a curve needs a column 'voltage' and one more"),
+        ({"prepare": {"force": {"range": ["5 N", "6 N"]}}}, "fewer than two rows have numbers for "
+         "x and a curve"),
+    ],
+)  # fmt: skip
+def test_impossible_preparations_say_so(tmp_path, keys, said):
+    with pytest.raises(ConfigError) as error:
+        chosen(tmp_path, RAMP, **keys)
+    assert str(error.value) == f"{tmp_path / 'data.csv'}: {said}"
+
+
+# --- turning points ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("rows", "noise"), [(200, 0.02), (2000, 0.03), (200_000, 0.04)])
+def test_noise_makes_no_branches(rows, noise):
+    rng = np.random.default_rng(rows)
+    up = np.linspace(0, 1, rows)
+    for x, count in ((up, 1), (np.concatenate([up, up[::-1], up]), 3)):
+        noisy = x + rng.normal(0, noise, len(x))
+        assert len(branches(noisy)) == count
+        assert len(branches(-noisy)) == count
+        assert noise_of(noisy) == pytest.approx(noise, rel=0.25)
+
+
+def test_few_points_of_real_cycles_are_branches():
+    assert len(branches(np.array([0, 1, 0, 1, 0.0]))) == 4
+    assert len(branches(np.sin(np.arange(40)))) == pytest.approx(40 / np.pi, abs=1.5)
+    assert len(branches(np.array([0, 0.5, 1, 0.9, 1.4, 2]), turn=0.2)) == 1
+    assert len(branches(np.array([0, 0.5, 1, 0.9, 1.4, 2]), turn=0.05)) == 3
+
+
+def test_turning_points_of_many_rows_are_those_of_all_rows():
+    x = np.sin(np.linspace(0, 20, 300_001))
+    turns = [b.stop - 1 for b in branches(x)][:-1]
+    exact = (np.arange(6) + 0.5) * np.pi / 20 * 300_000
+    assert turns == pytest.approx(exact[: len(turns)], abs=1)
+    assert len(turns) == 6
+
+
+def test_what_would_bring_points_into_the_range_is_told(tmp_path):
+    run = hysteresis()
+    for x, hint in (
+        ([-0.2, -0.9], "sign: -1"),
+        ([200, 900], "factor: 1e-3"),
+        ([5.0, 5.4, 5.9], "zero: start"),
+    ):
+        with pytest.raises(ConfigError) as error:
+            compare(run, measured_of(tmp_path, x, np.ones(len(x))))
+        hint = f"with prepare: {{displacement: {{{hint}}}}} 100% would lie inside"
+        assert str(error.value).endswith(hint)
+
+
+def test_a_cyclic_test_is_printed_in_few_lines(tmp_path, strip_run):
+    u = -1 - np.sin(np.linspace(0, 400, 8000))
+    rows = "".join(f"{a:.5f},{0.3 * a:.5f}\n" for a in u)
+    (tmp_path / "cycles.csv").write_text(GOOD + rows)
+    path = str(tmp_path / "cycles.csv")
+    done = CliRunner().invoke(app, ["compare", str(strip_run.directory), path])
+    assert done.exit_code == 0
+    lines = done.output.splitlines()
+    assert len(lines) == 12
+    assert lines[-1].strip() == "and 120 more"
+
+
+def test_compare_takes_several_files_and_says_how_each_was_read(tmp_path, strip_run, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    h = strip_run.history.iloc[1:13]
+    pairs = list(zip(h["displacement_mm"], h["force_N"], strict=True))
+    text = "Weg;Kraft;Nr.\nmm;mN;\n"
+    text += "".join(f"{-u:.6f};{-1e3 * F:.4f};{i}\n".replace(".", ",") for i, (u, F) in
+                    enumerate(pairs))  # fmt: skip
+    (tmp_path / "a.csv").write_text(text, encoding="utf-16")
+    (tmp_path / "b.csv").write_text(text)
+
+    def call(*arguments):
+        return CliRunner().invoke(app, ["compare", str(strip_run.directory), *arguments])
+
+    files = ("a.csv", "b.csv", "--out", "both.png")
+    columns = ("--column", "displacement=Weg", "--column", "force=Kraft")
+    signs = ("--set", "prepare.displacement.sign=-1", "--set", "prepare.force.sign=-1")
+    done = call(*files, *columns, *signs)
+    assert done.exit_code == 0, done.exception
+    assert done.output.count("force_N  12      ") == 2
+    assert "a.csv: UTF-16; columns parted by ';'; decimal mark ','" in done.output
+    assert all(float(line.split()[-1]) > 0.999999 for line in done.output.splitlines()
+               if line.startswith("force_N "))  # fmt: skip
+    assert (tmp_path / "both.png").is_file()
+    assert "no point to compare; with prepare: {displacement: {sign: -1}}" in str(
+        call(*files[:2], *columns).exception
+    )
+    for arguments, said in (
+        (("--set", "prepare.force.sgn=1"), "prepare.force.sgn: unknown key; did you mean 'sign'?"),
+        (("--set", "x"), "--set x: expected KEY=VALUE, such as prepare.force.sign=-1"),
+        (("--column", "force"), "--column: expected QUANTITY=HEADER, such as force='Load [N]'"),
+        (("--ignore", "Weg"), "b.csv: column 'Kraft [mN]' is no quantity of a run"),
+    ):
+        error = call("b.csv", *arguments).exception
+        assert isinstance(error, ConfigError)
+        assert str(error).startswith(said)
+
+
+def test_data_command_shows_what_is_read(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "a.csv").write_text("Zeit;Kraft $x\ns;N\n0,5;1,5\n0,6;OL\n0,7;-2,5\n")
+    done = CliRunner().invoke(app, ["data", "a.csv"])
+    assert done.exit_code == 0, done.exception
+    assert done.output.splitlines() == [
+        "a.csv: UTF-8; columns parted by ';'; decimal mark ','; header in line 2; "
+        "3 rows from line 3 on; 1 overload cell",
+        "column    unit  numbers  first  least  largest",
+        "Zeit      s     3        0.5    0.5    0.7",
+        "Kraft $x  N     2        1.5    -2.5   1.5",
+        "a-data.png",
+    ]
+    assert (tmp_path / "a-data.png").read_bytes().startswith(b"\x89PNG")
+    again = CliRunner().invoke(app, ["data", "a.csv"])
+    assert len(again.output.splitlines()) == 4
+    assert str(again.exception) == "a-data.png exists; choose another --out, or --overwrite it"
+    (tmp_path / "b.csv").write_text("t [s];U [V]\n1;1.250\n2;2.250\n")
+    error = CliRunner().invoke(app, ["data", "b.csv"]).exception
+    assert "'1.250' is 1.25 with decimals or 1250 with a thousands mark" in str(error)
+    done = CliRunner().invoke(app, ["data", "b.csv", "--set", "format.decimal=,"])
+    assert done.output.splitlines()[3].split() == ["U", "V", "2", "1250", "1250", "2250"]

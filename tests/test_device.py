@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import case
-from laminates import BASES, ELECTRODE, FILM, config, layer, rows, simulation
 from dolfinx.mesh import compute_midpoints
+from laminates import BASES, ELECTRODE, FILM, config, layer, rows, simulation
 from test_geometry import area, cells_of
 
 import dealib
@@ -17,7 +17,10 @@ from dealib.device.gmsh_model import gmsh_model
 from dealib.device.records import CHAMBER, MOUNT, TERMINAL
 from dealib.errors import ConfigError
 
-LOW, HIGH = layer("low", "20 um", material="electrode"), layer("high", "10 um", material="electrode")
+LOW, HIGH = (
+    layer("low", "20 um", material="electrode"),
+    layer("high", "10 um", material="electrode"),
+)
 
 
 def ports(given: Config) -> dict[str, tuple[str, tuple[str, ...], str]]:
@@ -69,7 +72,13 @@ def test_what_a_base_brings(base, mount, fixed):
     [
         ([LOW, layer(), HIGH], {"terminal": "high"}, "low"),
         (
-            [LOW, layer(), HIGH, layer("second", material="film"), layer("top", material="electrode")],
+            [
+                LOW,
+                layer(),
+                HIGH,
+                layer("second", material="film"),
+                layer("top", material="electrode"),
+            ],
             {"high": "high", "top": "top"},
             "low",
         ),
@@ -109,7 +118,11 @@ def test_one_port_of_a_kind_has_plain_columns_and_several_their_names():
     assert {p.column(v) for p in one.ports for v in p.kind.variables} == {
         *("displacement_mm", "force_N", "voltage_kV", "charge_uC")
     }
-    film = [layer(), layer("middle", "10 um", material="electrode"), layer("upper", material="film")]
+    film = [
+        layer(),
+        layer("middle", "10 um", material="electrode"),
+        layer("upper", material="film"),
+    ]
     two = config("annulus", *film, terminals={**names, "hot": {"on": "upper.top"}}).device
     assert [p.suffix for p in two.of(TERMINAL)] == [".hot", ".middle"]
     assert [p.floating for p in two.of(TERMINAL)] == [False, True]
@@ -454,4 +467,8 @@ def test_materials_share_their_energies_whatever_their_regions():
         materials=materials,
     )  # fmt: skip
     groups = simulation(stacked).engine.problem.groups
-    assert [(g.name, len(g.regions)) for g in groups] == [("film", 5), ("stiff", 1), ("electrode", 6)]
+    assert [(g.name, len(g.regions)) for g in groups] == [
+        ("film", 5),
+        ("stiff", 1),
+        ("electrode", 6),
+    ]

@@ -91,7 +91,6 @@ def folder(tmp_path_factory, strip_run):
         (["plot", "run", "--field", "E", "--out", "b.svg"], 9000, "b.svg"),
         (["animate", "run", "--seconds", "0.5", "--out", "a.mp4"], 4000, "a.mp4"),
         (["animate", "run", "--seconds", "0.5", "--out", "a.gif"], 4000, "a.gif"),
-        (["report", "run", "--out", "a.html"], 9000, "a.html"),
         (["compare", "run", "data.csv", "--out", "c.png"], 9000, "c.png"),
         (["materials", "gent", "--out", "g.png"], 9000, "g.png"),
         (["mesh", SMALL, "--out", "m.msh", "--view", "m.png"], 3000, "m.png"),

@@ -372,7 +372,7 @@ def test_unstable_parts_are_dashed(run):
 
     with style.theme():
         (axis,) = curves([run], "voltage_kV", ["displacement_mm"]).axes
-        branch = [line for line in axis.lines if line.get_color() != BEYOND]
+        branch = [line for line in axis.lines if line.get_color() not in BEYOND.values()]
         lines = [line for line in branch if len(line.get_xdata()) > 2]
         solid = [line.get_linestyle() == "-" for line in lines]
         assert solid == [True, False, True]
@@ -391,11 +391,17 @@ def test_what_is_unstable_and_what_is_beyond_a_limit_can_be_told_apart(run):
 
     with style.theme():
         figure = overview([run])
-        (legend,) = figure.legends
-        told = [text.get_text() for text in legend.get_texts()]
-        assert told == ["unstable", "limit point", "beyond a limit"]
+        above, below = figure.legends
+        told = [text.get_text() for text in below.get_texts()]
+        assert told == ["unstable", "limit point"]
+        (told,) = [text.get_text() for text in above.get_texts()]
+        assert re.fullmatch(r"beyond: wrinkling [\d.]+, pull-in [\d.]+ \(1 is the limit\)", told)
+        # along a branch time is the length of a path
+        assert figure.axes[4].get_xlabel() == "Step"
+        last = max(line.get_xdata()[-1] for line in figure.axes[1].lines if len(line.get_xdata()))
+        assert last == run.history["step"].iloc[-1]
         axis = figure.axes[2]
-        (band,) = [line for line in axis.lines if line.get_color() == BEYOND]
+        (band,) = [line for line in axis.lines if line.get_color() == BEYOND["beyond"]]
         curve, unstable = axis.lines[:2]
         assert (band.get_linestyle(), unstable.get_linestyle()) == ("-", "--")
         assert band.get_linewidth() > 4 * curve.get_linewidth()  # behind the dashes, not on them

@@ -19,6 +19,7 @@ from dealib.observe.quantities import columns
 from dealib.results import local
 from dealib.results.elements import Cell
 from dealib.results.margins import fields
+from dealib.results.summary import alarms, margins
 from dealib.results.thickness import Columns, edges
 from dealib.units import EPSILON_0
 
@@ -398,11 +399,28 @@ def test_the_table_says_how_much_where_and_when(tmp_path):
         assert abs(worst["Z_mm"]) <= 0.0175
     assert [m["ok"] for m in found.values()] == [False, True, True, True]
     assert run.info["stops"][0]["ends"] == "run"  # breakdown comes before the loss of tension
-    (warning,) = run.info["warnings"]
-    assert warning.startswith("step 14 (raise): breakdown_use = 1.0")
+    # the log has the first crossing, the summary the largest value
+    assert run.info["warnings"] == []
+    assert "step 14 (raise): breakdown_use = 1.0" in (run.directory / "run.log").read_text()
+    largest = f"breakdown {found['breakdown_use']['use']:.3f}"
     shown = CliRunner().invoke(app, ["info", str(run.directory)]).stdout
+    assert shown.startswith(f"run (margins): done; LIMIT EXCEEDED: {largest}\n")
+    where = "(1 is the limit), step 14, t = 14 s, raise: the film breaks down"
+    assert f"LIMIT EXCEEDED: {largest} {where}" in shown
     assert "margins (1 is the limit)" in shown
-    assert "BEYOND" in next(x for x in shown.splitlines() if x.startswith("  breakdown"))
+    assert "exceeded" in next(x for x in shown.splitlines() if x.startswith("  breakdown"))
+    from dealib.report.page import render
+
+    page = render(run)
+    assert f'<span class="badge limit exceeded">limit exceeded: {largest}</span>' in page
+    assert '<div class="tile limit exceeded">' in page
+    assert '<span class="badge plain">done</span>' in page  # no green beside it
+    # of a run that was killed, from its history
+    killed = dict(run.info)
+    del killed["margins"]
+    (run.directory / "run.json").write_text(json.dumps(killed))
+    assert alarms(run) == {"limit exceeded": largest}
+    assert margins(run)[0].when.startswith("step 14, t = 14 s, raise")
     # contours: the field of the margin, and what is not there
     for name in ("wrinkling_use", "tension"):
         done = CliRunner().invoke(app, ["plot", str(run.directory), "--field", name])
@@ -421,7 +439,8 @@ def test_curves_are_red_beyond_a_limit(tmp_path):
     with style.theme():
         figure = curves([run], "voltage_kV", ["force_N", "breakdown_use", "pull_in_use"])
         force, uses = figure.axes[:2]
-        red = [line for line in force.lines if line.get_color() == limits.BEYOND]
-        assert np.isfinite(red[0].get_ydata()).tolist() == limits.beyond(run.history).tolist()
+        red = [line for line in force.lines if line.get_color() == limits.BEYOND["limit exceeded"]]
+        there = limits.beyond(run.history, "limit exceeded")
+        assert np.isfinite(red[0].get_ydata()).tolist() == there.tolist()
         assert np.isfinite(red[0].get_ydata()).sum() == 1  # the last state alone
         assert uses.get_ylim()[1] >= 1.15

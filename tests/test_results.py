@@ -19,8 +19,10 @@ from dealib.cli.app import app
 from dealib.errors import ConfigError
 from dealib.fem.layout import Layout
 from dealib.fem.problem import build_problem
+from dealib.program.run import line
 from dealib.results import stages, store
 from dealib.results.summary import actuations
+from dealib.units import counted, neat
 
 FIRST = [
     *("step", "time_s", "stage", "displacement_mm", "force_N", "voltage_kV", "charge_uC"),
@@ -204,6 +206,8 @@ def test_an_existing_directory_is_kept(strip_run, tmp_path):
     (tmp_path / "precious.txt").write_text("mine")
     with pytest.raises(ConfigError, match="no run directory of dealib"):
         dealib.simulate(case("benchmark_strip"), tmp_path, overwrite=True)
+    with pytest.raises(ConfigError, match="nothing to resume, there is no run here; start it"):
+        dealib.simulate(case("benchmark_strip"), tmp_path, resume=True)
     assert (tmp_path / "precious.txt").read_text() == "mine"
     assert (strip_run.directory / "history.csv").read_bytes() == before
 
@@ -267,3 +271,16 @@ def test_a_stage_ends_early_by_its_condition():
     h["step"] = h.index
     assert stages.numbers(h, program).tolist() == [0, 0, 0, 0, 0]
     assert stages.numbers(h, program, [{"step": 2}]).tolist() == [0, 0, 0, 1, 1]
+
+
+def test_a_line_of_the_log_has_no_negative_zero():
+    row = {"step": 3, "time_s": 1.0, "stage": "off", "displacement_mm": -1e-9, "force_N": -0.0}
+    row |= {"voltage_kV": -2e-17, "capacitance_pF": 1.0, "newton_iterations": 1}
+    assert "u   0.00000 mm  F   0.00000 N  V  0.0000 kV" in line(row)
+
+
+def test_numbers_for_the_eye():
+    assert [neat(-1e-17), neat(-0.4), neat(1234567, 3)] == ["0", "-0.4", "1.23e+06"]
+    assert [counted(1, "study"), counted(2, "study"), counted(0, "case")] == [
+        "1 study", "2 studies", "0 cases"
+    ]  # fmt: skip

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -15,7 +16,7 @@ import pytest
 
 import dealib
 from dealib import versions
-from dealib.cases.cache import Cache
+from dealib.cases.cache import DONE, FAILED, Cache
 from dealib.cases.workers import Pool, Watcher
 from dealib.errors import ConfigError
 from dealib.study import sample, sweep
@@ -60,7 +61,7 @@ quantities:
 panels:
   - kind: curves
     title: pushed
-    x: {value: -displacement_mm, label: Displacement (mm), limits: [0, 1]}
+    x: {value: displacement_mm, label: Displacement (mm), limits: [0, -1]}
     y: {value: force_N, label: Force (N), limits: [-0.06, 0]}
     references: [{label: none, x: [0.0], y: [0.0]}]
   - kind: points
@@ -256,7 +257,7 @@ def test_key_is_that_of_the_physics(folder, tmp_path, monkeypatch):
             "quantities.thickness: the config has no 'geometry.film_thicknes'",
         ),
         (
-            "x: {value: -displacement_mm,",
+            "x: {value: displacement_mm,",
             "x: {value: -displacement,",
             "panels.0.x.value: unknown name 'displacement'; did you mean 'displacement_mm'?",
         ),
@@ -340,7 +341,7 @@ def test_configs_beside_studies_are_left_out(folder, tmp_path):
 def test_study_solves_draws_and_compares(folder):
     done = run_cli(folder, "study", "study.yaml", "-j", 2, "--cache", "cases")
     assert done.returncode == 0, done.stderr
-    assert "4 cases in 1 studies; 4 to solve" in done.stdout
+    assert "4 cases in 1 study; 4 to solve" in done.stdout
     assert "tiny_study: 2 of 3 windows hold" in done.stdout
     out = folder / "runs" / "studies" / "tiny_study"
     table = pd.read_csv(out / "tiny_study.csv")
@@ -359,6 +360,8 @@ def test_study_solves_draws_and_compares(folder):
     }
     assert (out / "tiny_study.png").read_bytes()[:4] == b"\x89PNG"
     page = (out / "gallery.html").read_text()
+    assert page.count("<h1>a tiny study</h1>") == page.count(">a tiny study<") - 1 == 1  # <title>
+    assert "Shaded in the pictures" in page
     assert f"thin: {table['depth'][0]:.4f} mm" in page
     assert "<svg" in page
     assert "currentColor" in page
@@ -366,6 +369,48 @@ def test_study_solves_draws_and_compares(folder):
     again = run_cli(folder, "study", "study.yaml", "--cache", "cases")
     assert again.returncode == 0
     assert "0 to solve" in again.stdout
+
+
+def test_pictures_follow_the_axes_that_are_asked_for(folder, monkeypatch):
+    """An axis whose limits fall runs that way; log axes; one legend below panels that share it."""
+    from dealib.plots import panels
+
+    text = STUDY.replace(
+        "label: Thickness (µm)", "label: Thickness (µm), scale: log, limits: [20, 90]"
+    )
+    assert text != STUDY
+    path, cache = folder / "axes.yaml", Cache(folder / "cases")
+    path.write_text(text)
+    plan = read(path)
+    with Pool(1) as pool:
+        assert all(ended.status == DONE for ended in pool.solve(sweep.missing([plan], cache)))
+    results = Results(plan, cache, sweep.statuses(plan, cache, {}))
+    monkeypatch.setattr(panels.plt, "close", lambda figure: None)
+    assert panels.draw(results) is not None
+    figure = panels.plt.gcf()
+    first, second = (part.axes for part in figure.subfigs[:2])
+    pushed, points = first
+    left, right = pushed.get_xlim()
+    assert left > 0 > -1 > right
+    assert points.get_xscale() == "log"
+    assert points.get_xlim()[0] > 0
+    (legend,) = figure.subfigs[0].legends
+    names = [text.get_text() for text in legend.get_texts()]
+    assert {"none", "neo-Hookean", "30 um, neo-Hookean"} <= set(names)
+    assert [axis.get_legend() for axis in first] == [None, None]
+    titles = [axis.get_title(loc="left") for axis in second[:4]]
+    assert titles[1:] == ["straightened", "inner end, true scale", "outer end, true scale"]
+    monkeypatch.undo()
+    panels.plt.close(figure)
+
+
+def test_a_log_axis_needs_limits_above_zero(folder):
+    path = folder / "log.yaml"
+    path.write_text(STUDY.replace("limits: [0, -1]", "limits: [0, 1], scale: log"))
+    with pytest.raises(
+        ConfigError, match=r"panels\.0\.x\.limits: a log axis needs limits above zero"
+    ):
+        read(path)
 
 
 def test_sweep_goes_on_past_failures_and_resumes(folder):
@@ -387,7 +432,7 @@ def test_sweep_goes_on_past_failures_and_resumes(folder):
     again = run_cli(folder, "sweep", "sweep.yaml", "--cache", "swept")
     assert (again.returncode, again.stdout.splitlines()[0]) == (
         3,
-        "12 cases in 1 studies; 0 to solve",
+        "12 cases in 1 study; 0 to solve",
     )
     retried = run_cli(folder, "sweep", "sweep.yaml", "--retry", "--cache", "swept")
     assert (retried.returncode, "2 to solve" in retried.stdout) == (3, True)
@@ -409,6 +454,15 @@ def test_an_interrupted_sweep_keeps_what_is_solved(folder):
     left = sweep.missing([plan], cache)
     assert 1 <= ended <= 12 - len(left) < 12  # one may have ended unheard
     assert [job.label for job in left] == [f"voltages: {c.label}" for c in plan.cases[-len(left) :]]
+
+
+def test_a_cache_that_cannot_be_is_told(folder):
+    (folder / "file").write_text("")
+    done = run_cli(folder, "sweep", "sweep.yaml", "-j", 1, "--cache", "file/cases", "--out", "no")
+    assert done.returncode == 3
+    assert "Traceback" not in done.stderr
+    assert "0.1 kV: failed: cannot write file/cases/" in done.stderr
+    assert "Not a directory" in done.stderr
 
 
 @pytest.mark.mpi
@@ -469,7 +523,7 @@ def test_failed_quantity_points_at_the_study(folder, text, message):
     plan = read(broken)
     results = Results(plan, cache, sweep.statuses(plan, cache, {}))
     (fault,) = results.faults
-    assert f"quantities.depth: case '30 um, neo-Hookean': {message} (and 3 more cases)\n" in fault
+    assert f"quantities.depth: case '30 um, neo-Hookean': {message} (and 3 more)\n" in fault
     assert np.isnan(results.values["depth"]).all()
     assert np.isfinite(results.values["charge"]).all()
 
@@ -514,7 +568,7 @@ def test_infinite_numbers_are_told_by_name_before_and_after_solving(folder):
     assert done.returncode == 2
     assert (
         "later.yaml:15:10: quantities.depth: case '30 um, neo-Hookean': 'max(1 / (step - step))' "
-        "is infinite (and 3 more cases)\n" in done.stderr
+        "is infinite (and 3 more)\n" in done.stderr
     )
     assert "never" not in done.stderr
     table = pd.read_csv(folder / "later" / "tiny_study.csv")
@@ -616,3 +670,17 @@ def test_physics_of_the_thesis(tmp_path):
     assert changes[f"{falls}thickness at rest, neo-Hookean"] < 0
     assert changes[f"{falls}thickness at rest, Mooney-Rivlin"] < 0
     assert changes[f"{falls}energy, neo-Hookean"] < 1e-3
+
+
+def test_the_comparison_is_over_the_cases_that_are_solved_and_says_so():
+    def status(label, reached):
+        return SimpleNamespace(status=reached, case=SimpleNamespace(label=label))
+
+    results = object.__new__(Results)
+    text = 'Between {min(u):.2f} and {max(u):.2f} mm, {of(u, "a"):.1f} to {of(u, "c"):.1f}.'
+    results.study = SimpleNamespace(comparison=text)
+    results.statuses = (status("a", DONE), status("b", DONE), status("c", FAILED))
+    results.values = {"u": np.array([-2.75, -1.25, np.nan])}
+    assert results.comparison == ("Between -2.75 and -1.25 mm, -2.8 to nan. (2 of 3 cases.)")
+    results.statuses = (status("a", FAILED),)
+    assert results.comparison == "No case is solved."

@@ -202,7 +202,9 @@ def test_wrinkling_of_a_fresh_film_counts_from_the_tension_with_its_branches():
     )  # fmt: skip
     found = conftest.film_of(case(materials__film=incompressible).config)
     assert found.tension == pytest.approx((1 / 3 + 0.15) * (1.2**2 - 1.2**-4), rel=1e-5)
-    relaxed = conftest.film_of(case(materials__film=incompressible.replace("fresh", "relaxed")).config)
+    relaxed = conftest.film_of(
+        case(materials__film=incompressible.replace("fresh", "relaxed")).config
+    )
     assert relaxed.tension == pytest.approx((1.2**2 - 1.2**-4) / 3, rel=1e-5)
 
 

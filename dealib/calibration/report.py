@@ -6,51 +6,102 @@ import base64
 import csv
 import html
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from dealib.calibration.fit import Fitted
-from dealib.config import resolved
-from dealib.data.measured import split_unit
+from dealib.calibration.reach import LEAST, inside, mirrored
+from dealib.calibration.task import Found
+from dealib.data.names import split_unit
 from dealib.files import write_text
 
 Table = tuple[Sequence[str], list[Sequence[str]]]
+PICTURE = "curves.png"
 _STYLE = (
     "body{font:16px/1.5 system-ui,sans-serif;max-width:60rem;margin:2rem auto;padding:0 1rem;"
     "color:#222;background:#fff}table{border-collapse:collapse;margin:1rem 0}"
-    "th,td{padding:.25rem .9rem;text-align:left;border-bottom:1px solid #ddd}"
+    "th,td{padding:.25rem .9rem;text-align:left;border-bottom:1px solid #ddd}.bad{color:#b00}"
     "table{display:block;overflow-x:auto}img{max-width:100%}@media(prefers-color-scheme:dark){body{color:#ddd;background:#181818}"
-    "td,th{border-color:#444}img{background:#fff}}"
+    "td,th{border-color:#444}img{background:#fff}.bad{color:#f66}}"
 )
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A fit and what is written of it.
+
+    Attributes:
+        name: Of the fit.
+        description: One line.
+        found: What the search found.
+        before: What the data hardly saw at the start.
+        notes: What else a reader must know.
+        tables: Further tables by heading.
+        files: Texts of further files by name.
+        draw: Draws the curves into a file.
+        material: Entry of a library, of a coupon fit.
+    """
+
+    name: str
+    description: str
+    found: Found
+    before: list[str]
+    notes: list[str]
+    tables: dict[str, Table]
+    files: dict[str, str]
+    draw: Callable[[Path], None]
+    material: dict[str, Any] | None = None
 
 
 def write_report(fitted: Fitted, directory: Path) -> None:
     """Write all files of a fit into its directory."""
-    from dealib.plots.compare import draw_comparison
-
-    fit = fitted.plan.fit
-    pairs = [(i, c) for i, found in enumerate(fitted.comparisons) for c in found]
-    titles = [fit.data[i].file for i, _ in pairs]
-    draw_comparison([c for _, c in pairs], directory / "curves.png", titles=titles)
-    _write_csv(directory / "parameters.csv", parameters(fitted, exact=True))
-    _write_csv(directory / "correlation.csv", correlation(fitted))
-    for k, (_, c) in enumerate(pairs):
+    fitted.draw(directory / PICTURE)
+    _write_csv(directory / "parameters.csv", parameters(fitted.found, exact=True))
+    _write_csv(directory / "correlation.csv", correlation(fitted.found))
+    for k, c in enumerate(c for found in fitted.found.comparisons for c in found):
         columns = (c.x_name, f"measured_{c.y_name}", f"computed_{c.y_name}")
         numbers = zip(c.x, c.measured, c.computed, strict=True)
         rows: list[Sequence[str]] = [[repr(float(v)) for v in row] for row in numbers]
         _write_csv(directory / f"curve_{k}.csv", (columns, rows))
-    best = {e.key: e.value for e in fitted.estimates}
-    write_text(directory / "best.yaml", resolved(fitted.plan.case(0, best).config))
+    for name, text in fitted.files.items():
+        write_text(directory / name, text)
     write_text(directory / "report.txt", as_text(fitted) + "\n")
     write_text(directory / "report.md", _markdown(fitted))
-    write_text(directory / "report.html", _html(fitted, directory / "curves.png"))
+    write_text(directory / "report.html", _html(fitted, directory / PICTURE))
 
 
-def parameters(fitted: Fitted, exact: bool = False) -> Table:
+def headline(fitted: Fitted) -> str:
+    """Whether the fit succeeded, or why not."""
+    failed = failures(fitted.found)
+    return "NO SUCCESS: " + " ".join(failed) if failed else "the fit succeeded"
+
+
+def failures(found: Found) -> list[str]:
+    """Why a fit is no success; empty if it is one."""
+    said = []
+    if not found.converged:
+        said.append(f"The search did not come to its end: {found.message}")
+    if bound := [e.key for e in found.estimates if e.bound]:
+        said.append(f"At its bound (widen it, or take the parameter out): {', '.join(bound)}.")
+    if open_ := [e.key for e in found.estimates if e.open and not e.bound]:
+        said.append(f"Not determined by these data: {', '.join(open_)}.")
+    for series, comparisons in zip(found.task.series, found.comparisons, strict=True):
+        for c in comparisons:
+            what = f"{series.title}, {c.y_name}"
+            if c.r2 < 0 and c.rmse > 2 * series.sigma[c.y_name]:
+                sign = ", and the sign looks mirrored" if mirrored(c) else ""
+                said.append(f"{what}: R2 is {c.r2:.3g}, worse than a constant{sign}.")
+            if inside(c) < LEAST:
+                said.append(f"{what}: only {int((~c.beyond).sum())} points lie inside the run.")
+    return said
+
+
+def parameters(found: Found, exact: bool = False) -> Table:
     """Best values with their intervals."""
-    level = f"{fitted.plan.fit.method.confidence:.0%}"
+    level = f"{found.task.confidence:.0%}"
     head = ("parameter", "value", "standard error", f"{level} low", f"{level} high", "unit")
 
     def number(value: float) -> str:
@@ -58,67 +109,80 @@ def parameters(fitted: Fitted, exact: bool = False) -> Table:
 
     return head, [
         (e.key, number(e.value), number(e.error), number(e.low), number(e.high), e.unit)
-        for e in fitted.estimates
+        for e in found.estimates
     ]
 
 
-def correlation(fitted: Fitted) -> Table:
+def correlation(found: Found) -> Table:
     """Correlation of the parameters."""
-    keys = [e.key for e in fitted.estimates]
+    keys = [e.key for e in found.estimates]
     last = [key.rpartition(".")[2] for key in keys]
     heads = last if len(set(last)) == len(last) else keys  # whole keys make a wide table
     rows: list[Sequence[str]] = [
         (key, *(f"{value:.4f}" for value in row))
-        for key, row in zip(keys, fitted.correlation, strict=True)
+        for key, row in zip(keys, found.correlation, strict=True)
     ]
     return ("", *heads), rows
 
 
-def quality(fitted: Fitted) -> Table:
-    """RMSE and R2 of each curve."""
+def quality(found: Found) -> Table:
+    """RMSE and R2 of each curve, and its noise."""
     rows: list[Sequence[str]] = []
-    for data, found in zip(fitted.plan.fit.data, fitted.comparisons, strict=False):
-        for c in found:
-            rmse = f"{c.rmse:.5g} {split_unit(c.y_name)[1]}".strip()
-            rows.append((data.file, c.y_name, str(len(c.x)), rmse, f"{c.r2:.6f}"))
-    return ("data", "curve", "points", "RMSE", "R2"), rows
+    for series, comparisons, noise in zip(
+        found.task.series, found.comparisons, found.noise, strict=True
+    ):
+        for c, n in zip(comparisons, noise, strict=False):
+            unit = split_unit(c.y_name)[1]
+            rmse = f"{c.rmse:.5g} {unit}".strip()
+            points = (str(len(c.x)), rmse, f"{c.r2:.6f}", f"{n.correlation:.2f}", f"{n.points:.0f}")
+            rows.append((series.title, c.y_name, *points))
+    worth = ("correlation of neighbours", "independent points")
+    return ("data", "curve", "points", "RMSE", "R2", *worth), rows
 
 
 def remarks(fitted: Fitted) -> list[str]:
     """What a reader must know about the numbers."""
-    found = [
-        f"{fitted.points} data points, {fitted.evaluations} evaluations, {fitted.solved} cases "
-        f"solved; reduced chi-square {fitted.reduced_chi2:.4g}.",
-        f"The search ended so: {fitted.message}",
+    found = fitted.found
+    said = [
+        f"{found.points} data points, {found.evaluations} evaluations; reduced chi-square "
+        f"{found.reduced_chi2:.4g}.",
+        *fitted.notes,
+        f"The search ended so: {found.message}",
     ]
-    for e in fitted.estimates:
-        low, high = fitted.plan.fit.parameters[e.key].range
-        margin = 1e-3 * (high - low)
-        if e.value - low < margin or high - e.value < margin:
-            found.append(f"{e.key} is at its bound: widen it, or take the parameter out.")
-        elif not np.isfinite(e.error):
-            found.append(f"{e.key} is not determined by these data.")
-    for data, comparisons in zip(fitted.plan.fit.data, fitted.comparisons, strict=False):
+    for series, comparisons in zip(found.task.series, found.comparisons, strict=True):
         for c in comparisons:
             if c.beyond.any():
-                found.append(
-                    f"{data.file}, {c.y_name}: the run does not reach {int(c.beyond.sum())} of "
+                said.append(
+                    f"{series.title}, {c.y_name}: the run does not reach {int(c.beyond.sum())} of "
                     f"{len(c.x)} points; its curve was continued straight."
                 )
-    strong = np.abs(fitted.correlation - np.eye(len(fitted.estimates))) > 0.95
+    strong = np.abs(found.correlation - np.eye(len(found.estimates))) > 0.95
     for i, j in np.argwhere(np.triu(strong)):
-        a, b = fitted.estimates[i].key, fitted.estimates[j].key
-        found.append(f"{a} and {b} are strongly correlated: these data hardly tell them apart.")
-    return found
+        a, b = found.estimates[i].key, found.estimates[j].key
+        said.append(f"{a} and {b} are strongly correlated: these data hardly tell them apart.")
+    said += [f"At the start: {line}" for line in fitted.before]
+    said += [f"At the best fit: {line}" for line in found.unseen]
+    if bent := [e.key for e in found.estimates if e.bent]:
+        said.append(
+            f"The linear intervals of {', '.join(bent)} mislead; method.intervals: profile finds "
+            "better ones."
+        )
+    return said
+
+
+def _blocks(fitted: Fitted) -> dict[str, Table]:
+    found = fitted.found
+    blocks = {"Parameters": parameters(found)}
+    if len(found.estimates) > 1:
+        blocks["Correlation"] = correlation(found)
+    return {**blocks, "Curves": quality(found), **fitted.tables}
 
 
 def as_text(fitted: Fitted) -> str:
     """The report for a terminal."""
-    blocks = [fitted.plan.fit.name, _columns(parameters(fitted))]
-    if len(fitted.estimates) > 1:
-        blocks.append("correlation\n" + _columns(correlation(fitted)))
-    blocks += [_columns(quality(fitted)), "\n".join(remarks(fitted))]
-    return "\n\n".join(blocks)
+    blocks = [f"{fitted.name}: {headline(fitted)}"]
+    blocks += [f"{name}\n{_columns(table)}" for name, table in _blocks(fitted).items()]
+    return "\n\n".join([*blocks, "\n".join(remarks(fitted))])
 
 
 def _columns(table: Table) -> str:
@@ -134,10 +198,10 @@ def _markdown(fitted: Fitted) -> str:
         lines = ["| " + " | ".join(row) + " |" for row in (head, *rows)]
         return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])
 
-    fit = fitted.plan.fit
-    blocks = [f"# Fit {fit.name}", fit.description, "## Parameters", table(parameters(fitted))]
-    blocks += ["## Correlation", table(correlation(fitted)), "## Curves", table(quality(fitted))]
-    blocks += ["![measured and computed curves](curves.png)"]
+    blocks = [f"# Fit {fitted.name}", fitted.description, f"**{headline(fitted)}**"]
+    for name, found in _blocks(fitted).items():
+        blocks += [f"## {name}", table(found)]
+    blocks += [f"![measured and computed curves]({PICTURE})"]
     blocks += ["\n".join(f"- {r}" for r in remarks(fitted))]
     return "\n\n".join(filter(None, blocks)) + "\n"
 
@@ -152,16 +216,16 @@ def _html(fitted: Fitted, picture: Path) -> str:
         ]
         return "<table>" + "".join(lines) + "</table>"
 
-    fit = fitted.plan.fit
     image = base64.b64encode(picture.read_bytes()).decode()
     notes = "".join(f"<li>{html.escape(r)}</li>" for r in remarks(fitted))
-    title = html.escape(f"Fit {fit.name}")
+    title = html.escape(f"Fit {fitted.name}")
+    tables = "".join(f"<h2>{name}</h2>{table(t)}" for name, t in _blocks(fitted).items())
+    mark = ' class="bad"' if failures(fitted.found) else ""
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
-        f"<style>{_STYLE}</style></head><body><h1>{title}</h1><p>{html.escape(fit.description)}</p>"
-        f"<h2>Parameters</h2>{table(parameters(fitted))}"
-        f"<h2>Correlation</h2>{table(correlation(fitted))}"
-        f"<h2>Curves</h2>{table(quality(fitted))}"
+        f"<style>{_STYLE}</style></head><body><h1>{title}</h1>"
+        f"<p>{html.escape(fitted.description)}</p>"
+        f"<p{mark}><strong>{html.escape(headline(fitted))}</strong></p>{tables}"
         f'<img alt="measured and computed curves" src="data:image/png;base64,{image}">'
         f"<ul>{notes}</ul></body></html>\n"
     )

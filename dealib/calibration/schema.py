@@ -5,23 +5,18 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import Any, Literal
 
-from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
+from pydantic import Field, model_validator
 
 from dealib.config import Case, load
 from dealib.config.messages import validate
-from dealib.config.schema import Name
+from dealib.config.names import FilePath, Name
 from dealib.config.source import Source
+from dealib.data.schema import Amount, Selection
 from dealib.errors import ConfigError, ValueAt
 from dealib.section import Section
-from dealib.units import convert, split
-
-if TYPE_CHECKING:
-    Amount: TypeAlias = tuple[float, str]
-else:
-    _WRITTEN = {"anyOf": [{"type": "number"}, {"type": "string"}]}
-    Amount = Annotated[tuple[float, str], BeforeValidator(split), WithJsonSchema(_WRITTEN)]
+from dealib.units import convert
 
 
 def _fault(amount: tuple[float, str], unit: str) -> str:
@@ -63,31 +58,29 @@ class Parameter(Section):
             raise ValueAt(("start",), "the start must lie between min and max")
         return self
 
-    def moved(self, value: float, difference: float) -> float:
-        """A value beside another one, within the bounds, by a relative difference."""
-        low, high = self.range
-        step = difference * max(abs(value), (high - low) / 100)
-        return value + step if value + step <= high else value - step
-
     def text(self, value: float) -> str:
         """A value as the config wants it."""
         return f"{value!r} {self.unit}".strip()
 
 
-class Data(Section):
-    """Measured curves, and the part of a run that they belong to."""
+class Data(Selection):
+    """Measured curves, the part of a run that they belong to, and what they count."""
 
-    file: str = Field(min_length=1, description="CSV file, beside this one")
-    stage: str | None = Field(None, description="stage of the program; default the whole run")
-    x: str | None = Field(None, description="quantity of the abscissa; default the first column")
-    columns: dict[str, str] | None = Field(
-        None, description="header in the file by quantity, such as force: 'Load cell [N]'"
-    )
     set: dict[str, Any] = Field({}, description="keys of the config that differ for these data")
     sigma: dict[str, Amount] = Field(
-        {}, description="standard deviation of the noise by quantity; default 1 % of its range"
+        {},
+        description="standard deviation of the noise by quantity; default 1 % of its range, "
+        "and 0 of the abscissa",
     )
     weight: float = Field(1.0, gt=0, description="factor on the residuals of these data")
+
+
+Intervals = Literal["auto", "linear", "profile"]
+INTERVALS = (
+    "linear: from the derivatives at the best fit; profile: from the sum of squares with the "
+    "others fitted again, better where the model is bent, but many more evaluations; auto: profile "
+    "where the linear ones mislead"
+)
 
 
 class Method(Section):
@@ -99,16 +92,13 @@ class Method(Section):
         1e-3, gt=0, lt=0.1, description="relative step of the finite differences"
     )
     confidence: float = Field(0.95, gt=0.5, lt=1, description="level of the intervals")
-    profile: bool = Field(
-        False,
-        description="intervals from the profile of the sum of squares: better, but many more cases",
-    )
+    intervals: Intervals = Field("linear", description=INTERVALS)
 
 
 class Destination(Section):
     """Where results go."""
 
-    directory: str | None = Field(None, description="default runs/NAME")
+    directory: FilePath | None = Field(None, description="default runs/NAME")
 
 
 class Fit(Section):
@@ -116,7 +106,7 @@ class Fit(Section):
 
     name: Name = Field(description="short name; also the default directory")
     description: str = Field("", description="one line, shown in the report")
-    base: str = Field(description="config to start from, beside this file")
+    base: FilePath = Field(description="config to start from, beside this file")
     set: dict[str, Any] = Field({}, description="keys of the config that differ for the whole fit")
     parameters: dict[str, Parameter] = Field(min_length=1, description="by dotted key")
     data: tuple[Data, ...] = Field(min_length=1)
@@ -151,8 +141,9 @@ class Plan:
                 where = ("data", i, "file")
                 raise ConfigError(self.source.message(where, f"there is no file {file}"))
         for key, parameter in self.fit.parameters.items():
-            start = parameter.start[0]  # and beside it, where no whole number is
-            for value in (start, parameter.moved(start, self.fit.method.difference)):
+            start, (low, high) = parameter.start[0], parameter.range
+            beside = start + self.fit.method.difference * max(abs(start), (high - low) / 100)
+            for value in (start, min(beside, (start + high) / 2)):  # where no whole number is
                 self._load({key: parameter.text(value)}, ("parameters", key))
         for i, data in enumerate(self.fit.data):
             config = self._load(data.set, ("data", i, "set")).config

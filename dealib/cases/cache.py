@@ -11,6 +11,7 @@ from typing import Any
 from dealib import versions
 from dealib.config.schema import Config
 from dealib.errors import ConfigError
+from dealib.reading import read_bytes
 from dealib.results.reader import Run
 
 DONE, FAILED = "done", "not converged"
@@ -25,7 +26,8 @@ def key(config: Config, fields: str) -> str:
     """
     left_out: Any = {"name": True, "description": True, "output": True, "mesh": {"file"}}
     tree = config.model_dump(mode="json", exclude=left_out)
-    mesh = config.mesh.file and hashlib.sha256(Path(config.mesh.file).read_bytes()).hexdigest()
+    file = config.mesh.file
+    mesh = file and hashlib.sha256(read_bytes(Path(file), "mesh", 10**9)).hexdigest()
     parts = [tree, fields, mesh, versions.source(), versions.installed()]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dealib.errors import DealibError
+from dealib.errors import FAULT, DealibError
+from dealib.files import guarded
 
 Report = Callable[[int, int], None]  # step, steps planned
 
@@ -70,16 +71,15 @@ def run(job: Job, report: Report | None = None) -> Ended:
     """Solve a case; never raises, except for what is to stop the worker."""
     begin = time.perf_counter()
     status, error, code = "done", "", 0
-    with _printed_to(job.log):
-        try:
+    try:
+        with _printed_to(job.log):
             _solve(job, report)
-        except DealibError as problem:
-            code, error = problem.exit_code, str(problem)
-            status = "not converged" if code == 3 else "failed"
-        except Exception as problem:
-            status, code = "failed", 70
-            error = f"{type(problem).__name__}: {problem} (a fault of dealib's own; see {job.log})"
-            traceback.print_exc()
+    except DealibError as problem:
+        code, error = problem.exit_code, str(problem)
+        status = "not converged" if code == 3 else "failed"
+    except Exception as problem:
+        status, code = "failed", FAULT
+        error = f"{type(problem).__name__}: {problem} (a fault of dealib's own; see {job.log})"
     return Ended(job, status, error, time.perf_counter() - begin, code)
 
 
@@ -118,20 +118,27 @@ class _Reporter:
 @contextmanager
 def _printed_to(path: Path) -> Iterator[None]:
     """Send what the process and its libraries print to a file."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    with guarded(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = path.open("w", encoding="utf-8")
     sys.stdout.flush()
     sys.stderr.flush()
     kept = [os.dup(1), os.dup(2)]
-    with path.open("w", encoding="utf-8") as file:
+    with file:
         try:
             for descriptor in (1, 2):
                 os.dup2(file.fileno(), descriptor)
             yield
+        except DealibError:
+            raise
+        except Exception:
+            traceback.print_exc()
+            raise
         finally:
             sys.stdout.flush()
             sys.stderr.flush()
             for descriptor, old in zip((1, 2), kept, strict=True):
                 os.dup2(old, descriptor)
                 os.close(old)
-    if path.stat().st_size == 0:
-        path.unlink()
+            if path.stat().st_size == 0:
+                path.unlink()

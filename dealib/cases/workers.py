@@ -58,7 +58,9 @@ class Pool:
 
     def __exit__(self, *error: object) -> None:
         for worker in self._workers:
-            worker.stop()
+            worker.dismiss()
+        for worker in self._workers:
+            worker.wait()
 
     def solve(self, jobs: Sequence[Job]) -> Iterator[Ended]:
         """Solve jobs, beginning with the first.
@@ -123,12 +125,15 @@ class _Worker:
             self.job = None
         return message
 
-    def stop(self) -> None:
-        """End the process."""
+    def dismiss(self) -> None:
+        """Tell the process to end."""
         with suppress(OSError):
             self.pipe.close()
         if self.job is not None:
             self._process.terminate()
+
+    def wait(self) -> None:
+        """Wait for its end, but not for long."""
         self._process.join(timeout=10)
         if self._process.is_alive():
             self._process.kill()

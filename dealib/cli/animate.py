@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from dealib.cli.plot import default
@@ -11,7 +12,12 @@ _RATES = {".mp4": 20, ".gif": 10}  # pictures a second
 
 
 def animate(
-    directory: Path, field: str, out: Path | None, seconds: float, dark: bool, overwrite: bool
+    directory: Path,
+    fields: Sequence[str],
+    out: Path | None,
+    seconds: float,
+    dark: bool,
+    overwrite: bool,
 ) -> Path:
     """Write the film and return its file.
 
@@ -20,14 +26,14 @@ def animate(
     """
     run = Run(directory)
     from dealib.plots import animation, style
-    from dealib.plots.quantities import quantity
+    from dealib.results.quantities import quantity
 
-    what = quantity(field)
+    whats = [quantity(name) for name in fields] or animation.usual(run)
     if out is not None:
         style.check_target(out, animation.FORMATS, overwrite)
-    target = out or default([run], f"animation-{field}", dark, ".mp4")
+    target = out or default([run], f"animation-{'+'.join(w.name for w in whats)}", dark, ".mp4")
     rate = _RATES[target.suffix.lower()]
     with style.theme(dark) as look:
         count = max(2, round(rate * seconds))
-        animation.write(animation.frames(run, what, look, count), target, rate)
+        animation.write(animation.frames(run, whats, look, count), target, rate)
     return target

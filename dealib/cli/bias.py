@@ -9,7 +9,7 @@ import typer
 from dealib.config.case import Case
 from dealib.errors import ConfigError
 from dealib.results.bias import BiasChart
-from dealib.units import parse
+from dealib.units import sensible
 
 
 def draw_chart(
@@ -41,7 +41,7 @@ def draw_chart(
     from dealib.plots.bias import draw_bias
 
     with style.theme(dark) as look:
-        style.save(draw_bias(found, look), picture)
+        style.save(draw_bias(found, look, whole=reach is not None), picture)
     typer.echo("\n".join([*describe(found), *map(str, (picture, *tables))]))
 
 
@@ -70,7 +70,7 @@ def describe(chart: BiasChart) -> list[str]:
 
 def _quantity(option: str, text: str, dimension: str) -> float:
     try:
-        return parse(text, dimension)
+        return sensible(text, dimension)
     except ValueError as error:
         raise ConfigError(f"{option}: {error}") from None
 

@@ -2,18 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import typer
+from pydantic import ValidationError
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
 
-from dealib.data.compare import Comparison, compare
-from dealib.data.measured import read, split_unit
+from dealib.config.messages import problem
+from dealib.data.compare import Comparison, compare, remedy
+from dealib.data.measured import measured
+from dealib.data.names import split_unit
+from dealib.data.schema import Selection
+from dealib.errors import ConfigError
 from dealib.results.reader import Run
 
+_MOST_BRANCHES = 8  # lines of branches that are printed of a curve
 
-def compare_run(run: Run, data: Path, stage: str | None, out: Path | None, overwrite: bool) -> None:
+
+def compare_run(
+    run: Run,
+    files: Sequence[Path],
+    wanted: dict[str, Any],
+    settings: Sequence[str],
+    out: Path | None,
+    overwrite: bool,
+) -> None:
     """Print RMSE and R2 of each measured curve, and draw it if wanted.
+
+    Args:
+        run: The run.
+        files: The data.
+        wanted: Keys of a `Selection` but `file`, for all files.
+        settings: More of them, as KEY=VALUE.
+        out: Picture.
+        overwrite: Whether it may be there.
 
     Raises:
         ConfigError: If data and run do not fit, or the picture is in the way.
@@ -24,13 +50,58 @@ def compare_run(run: Run, data: Path, stage: str | None, out: Path | None, overw
         check_target(out, FORMATS, overwrite)
     history = {str(name): run.history[name].to_numpy() for name in run.history}
     numeric = [name for name, values in history.items() if values.dtype.kind in "fi"]
-    found = compare(history, read(data, numeric), stage)
-    typer.echo("\n".join(table(found)))
+    found: list[Comparison] = []
+    titles: list[str] = []
+    for file in files:
+        selection = chosen(file, wanted, settings)
+        data = measured(file, numeric, selection)
+        curves = compare(history, data, selection.stage)
+        typer.echo("\n".join([data.account, *table(curves), *_outside(curves, history)]))
+        found += curves
+        titles += [f"{run.info['name']}, {file.name}"] * len(curves)
     if out is not None:
         from dealib.plots.compare import draw_comparison
 
-        draw_comparison(found, out, history, [f"{run.info['name']}, {data.name}"] * len(found))
+        draw_comparison(found, out, history, titles)
         typer.echo(str(out))
+
+
+def _outside(curves: list[Comparison], history: Mapping[str, Any]) -> list[str]:
+    """A line a curve that lies mostly outside the run, with what may be the matter."""
+    return [
+        f"{c.y_name}: only {c.inside.mean():.0%} of the points lie inside the run's range of "
+        f"{c.x_name}{remedy(c.x_name, c.x, history[c.x_name])}"
+        for c in curves
+        if c.inside.mean() < 0.5
+    ]
+
+
+def chosen(file: Path, wanted: dict[str, Any], settings: Sequence[str]) -> Selection:
+    """What is taken from a file, by the options of the command line.
+
+    Raises:
+        ConfigError: If an option is wrong.
+    """
+    tree: dict[str, Any] = {"file": str(file), **wanted}
+    for setting in settings:
+        key, sign, text = setting.partition("=")
+        *above, last = key.strip().split(".")
+        node: Any = tree
+        for part in above:
+            node = node.setdefault(part, {}) if isinstance(node, dict) else None
+        if not sign or not last or not isinstance(node, dict):
+            raise ConfigError(f"--set {setting}: expected KEY=VALUE, such as prepare.force.sign=-1")
+        try:
+            node[last] = YAML(typ="safe", pure=True).load(text)
+        except (YAMLError, ValueError):
+            node[last] = text
+    try:
+        return Selection.model_validate(tree)
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(map(str, first["loc"]))
+        said = problem(dict(first), Selection)
+        raise ConfigError(f"{where}: {said}" if where else said) from None
 
 
 def table(comparisons: list[Comparison]) -> list[str]:
@@ -40,10 +111,11 @@ def table(comparisons: list[Comparison]) -> list[str]:
         numbers = np.unique(c.branch)
         rows.append(_row(c.y_name, c))
         if len(numbers) > 1:
-            for k in numbers:
-                part = c.of_branch(int(k))
-                if part.inside.any():
-                    rows.append(_row(f"  branch {int(k) + 1}", part, split_unit(c.y_name)[1]))
+            parts = [(int(k) + 1, c.of_branch(int(k))) for k in numbers[:_MOST_BRANCHES]]
+            unit = split_unit(c.y_name)[1]
+            rows += [_row(f"  branch {k}", p, unit) for k, p in parts if p.inside.any()]
+        if len(numbers) > _MOST_BRANCHES:
+            rows.append((f"  and {len(numbers) - _MOST_BRANCHES} more", "", "", ""))
     widths = [max(len(row[i]) for row in rows) for i in range(4)]
     return [
         "  ".join(f"{cell:<{w}}" for cell, w in zip(r, widths, strict=True)).rstrip() for r in rows

@@ -9,6 +9,7 @@ import typer
 
 from dealib.cli.run import solve
 from dealib.config.case import Case
+from dealib.config.size import refuse_full_disk
 from dealib.errors import ConfigError
 from dealib.program.tables import tables_case
 from dealib.results.tables import Tables, collect
@@ -25,6 +26,7 @@ def export(case: Case, out: Path | None, *, overwrite: bool, resume: bool) -> No
         raise ConfigError("--overwrite and --resume exclude each other")
     walk = tables_case(case)
     directory = out or Path(f"{case.config.directory}-tables")
+    refuse_full_disk(walk.config, directory)
     tables = collect(solve(walk, directory, overwrite=overwrite, resume=resume))
     for path in tables.save(directory):
         typer.echo(str(path))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import platform
 import shlex
 import tempfile
@@ -11,8 +10,6 @@ from collections.abc import Sequence
 
 from dealib.log import verbose
 from dealib.versions import installed
-
-EXIT_CODE = 70  # EX_SOFTWARE of sysexits.h
 
 
 def told(error: Exception, arguments: Sequence[str]) -> str:
@@ -26,7 +23,7 @@ def told(error: Exception, arguments: Sequence[str]) -> str:
     trace = "".join(traceback.format_exception(error))
     versions = ", ".join(f"{name} {version}" for name, version in installed().items())
     where = f"{platform.platform()}, Python {platform.python_version()}"
-    facts = f"{command}\nin {os.getcwd()}\n{where}\n{versions}\n\n{trace}"
+    facts = f"{command}\n{where}\n{versions}\n\n{trace}"
     summary = " ".join(f"{type(error).__name__}: {error}".split())[:300]
     lines = [f"a fault of dealib's own in: {command}", f"    {summary}"]
     lines += [f"    {note}" for note in getattr(error, "__notes__", ())]

@@ -5,12 +5,17 @@ from __future__ import annotations
 import shlex
 from typing import TYPE_CHECKING
 
+import typer
+
 from dealib.device.records import CHAMBER, MOUNT
 from dealib.errors import ConfigError
 from dealib.observe.quantities import Column, columns
 from dealib.results.cycles import cycles
 from dealib.results.reader import Run
-from dealib.results.summary import actuations, critical_points, margins
+from dealib.results.summary import VERDICTS, actuations, alarms, critical_points, margins
+from dealib.units import counted, neat
+
+_COLOURS = dict(zip(VERDICTS, (typer.colors.RED, typer.colors.YELLOW), strict=True))
 
 if TYPE_CHECKING:
     import pandas
@@ -25,18 +30,18 @@ def summary(run: Run) -> str:
     rows = [(c.label, _range(h, c)) for c in known if c.quantity.label in mounts or c.probe]
     for a in actuations(run):
         held = f" ({a.held} held)" if a.held else ""
-        value = f"{_clean(a.value):.5g} {a.unit} at up to {a.peak_voltage:.4g} kV{held}"
+        value = f"{neat(a.value)} {a.unit} at up to {a.peak_voltage:.4g} kV{held}"
         rows.append((f"{a.what} in {a.stage!r}", value))
     for point in critical_points(run):
         rows.append((f"{point.name} in {point.stage!r}", point.text))
     rows += [(c.label, _range(h, c)) for c in known if c.quantity.label == "capacitance"]
     rows += [
         ("peak field", f"{h['field_max_MV_per_m'].max():.4g} MV/m"),
-        ("steps", f"{len(h) - 1}, {int(h['newton_iterations'].sum())} Newton iterations"),
+        (
+            "steps",
+            f"{len(h) - 1}, {counted(int(h['newton_iterations'].sum()), 'Newton iteration')}",
+        ),
     ]
-    beyond = [m for m in margins(run) if not m.ok]
-    for m in beyond:
-        rows.append((f"beyond: {m.name}", f"{m.used} used (1 is the limit), {m.when}"))
     for stop in info.get("stops", ()):
         rows.append((f"{stop['ends']} ended by", f"{stop['when']} at step {stop['step']}"))
     if "timings" in info:
@@ -44,18 +49,27 @@ def summary(run: Run) -> str:
         rows.append(("time", f"{t['total']:.2f} s, of which {t.get('solve', 0):.2f} s solving"))
     rows.append(("results", str(run.directory)))
     width = max(len(name) for name, _ in rows)
-    return "\n".join(f"{name:<{width}}  {value}" for name, value in rows)
+    return "\n".join([f"{name:<{width}}  {value}" for name, value in rows] + _beyond(run))
 
 
 def _range(history: pandas.DataFrame, column: Column) -> str:
     values = history[column.name]
-    low, high = (f"{_clean(v):.5g}" for v in (values.min(), values.max()))
-    return f"{low} .. {high} {column.unit}".rstrip()
+    return f"{neat(values.min())} .. {neat(values.max())} {column.unit}".rstrip()
 
 
-def _clean(value: float) -> float:
-    """Without rounding errors and a minus before 0."""
-    return round(float(value), 9) + 0.0
+def _beyond(run: Run) -> list[str]:
+    """A line for each limit that is not kept, in colour on a terminal."""
+    found = sorted((m for m in margins(run) if not m.ok), key=lambda m: not m.given)
+    return [
+        _loud(m.verdict, f"{m.name} {m.used}") + f" (1 is the limit), {m.when}: {m.beyond}"
+        for m in found
+    ]
+
+
+def _loud(verdict: str, text: str) -> str:
+    """In colour, which leaves the text where the output is no terminal."""
+    word = verdict if verdict == "beyond" else verdict.upper()
+    return typer.style(f"{word}: {text}", fg=_COLOURS[verdict], bold=True)
 
 
 def resume_command(run: Run) -> str:
@@ -72,7 +86,10 @@ def resume_command(run: Run) -> str:
 def describe(run: Run) -> str:
     """Status, summary, versions and timings of a run directory."""
     info = run.info
-    lines = [f"{info['name']}: {run.status}"]
+    told = [_loud(verdict, text) for verdict, text in alarms(run).items()]
+    lines = ["; ".join([f"{run.title}: {run.status}", *told])]
+    if info.get("set"):
+        lines.append("changed: " + ", ".join(info["set"]))
     if "error" in info:
         lines.append(str(info["error"]))
     lines += [f"warning: {text}" for text in info.get("warnings", ())]
@@ -90,8 +107,7 @@ def describe(run: Run) -> str:
     if found:
         lines += ["", "margins (1 is the limit)"]
         lines += [
-            f"  {m.name:<19} {m.used:>7} {'ok' if m.ok else 'BEYOND':<7} {m.where:<34} {m.when}"
-            for m in found
+            f"  {m.name:<19} {m.used:>7} {m.verdict:<14} {m.where:<34} {m.when}" for m in found
         ]
     lines += _energy(run)
     lines += ["", "started   " + info["started"], "command   " + " ".join(info["argv"])]
@@ -110,11 +126,11 @@ def _energy(run: Run) -> list[str]:
     lines = []
     for c in found:
         sums = (c.electrical_in, c.electrical, c.mechanical_out, c.mechanical)
-        numbers = " ".join(f"{_clean(v):9.4g}" for v in sums)
+        numbers = " ".join(f"{neat(v, 4):>9}" for v in sums)
         lines.append(f"  {c.name:<44.44} {numbers} {_share(c.transfer)} {_share(c.efficiency)}")
     head = f"  {'cycle':<44} {'el. in':>9} {'el. net':>9} {'mech. out':>9} {'mech. net':>9}"
     return ["", "energy, mJ", f"{head} {'out/in':>8} {'net eff.':>8}", *lines] if lines else []
 
 
 def _share(value: float) -> str:
-    return f"{_clean(value):8.3f}" if value == value else f"{'-':>8}"  # NaN differs from itself
+    return f"{value:z8.3f}" if value == value else f"{'-':>8}"  # NaN differs from itself

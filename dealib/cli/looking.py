@@ -12,6 +12,17 @@ from dealib.cli.solving import study
 
 
 @app.command()
+def doctor() -> None:
+    """Say what is installed and whether it works: solver, MPI, 3-D pictures, movies.
+
+    Exit code 4 if something fails that dealib needs.
+    """
+    from dealib.cli.doctor import examine
+
+    examine()
+
+
+@app.command()
 def info(run: RunDirectory) -> None:
     """Print what a run directory holds: status, summary, versions, timings."""
     from dealib.cli.info import describe
@@ -23,23 +34,74 @@ def info(run: RunDirectory) -> None:
 @app.command()
 def compare(
     run: RunDirectory,
-    data: Annotated[Path, typer.Argument(metavar="DATA", help="CSV, headers such as force [mN]")],
+    data: Annotated[list[Path], typer.Argument(metavar="DATA...", help="text, spreadsheet, MAT")],
     stage: Annotated[str | None, typer.Option(help="compare with this stage only")] = None,
+    x: Annotated[
+        str | None, typer.Option("-x", metavar="QUANTITY", help="abscissa; default first column")
+    ] = None,
+    column: Annotated[
+        list[str] | None,
+        typer.Option(metavar="QUANTITY=HEADER", help="such as force='Load [N]'; repeat for more"),
+    ] = None,
+    ignore: Annotated[
+        list[str] | None, typer.Option(metavar="HEADER", help="leave this column out")
+    ] = None,
+    set: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="a key of a fit's data, such as prepare.force.sign=-1 or format.decimal=,",
+        ),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="picture: PNG, SVG or PDF")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the picture")] = False,
 ) -> None:
-    """Compare a run with measured curves: RMSE, R2 and a picture."""
+    """Compare a run with measured curves: RMSE, R2 and a picture.
+
+    Headers such as force [mN] name the quantity and its unit. How a file was read is told in one
+    line; `dealib data FILE` shows more. All keys of --set: configs/fits/REFERENCE.md, data.
+    """
     from dealib.cli.compare import compare_run
+    from dealib.errors import ConfigError
     from dealib.results.reader import Run
 
-    compare_run(Run(run), data, stage, out, overwrite)
+    columns = dict(c.partition("=")[::2] for c in column or [])
+    if "" in columns.values():
+        raise ConfigError("--column: expected QUANTITY=HEADER, such as force='Load [N]'")
+    given = {"stage": stage, "x": x, "columns": columns or None, "ignore": ignore or ()}
+    compare_run(Run(run), data, given, set or [], out, overwrite)
+
+
+@app.command()
+def data(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="text, spreadsheet or MAT file")],
+    set: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="such as format.decimal=, or format.encoding, delimiter, sheet, table",
+        ),
+    ] = None,
+    x: Annotated[
+        str | None, typer.Option("-x", metavar="HEADER", help="abscissa; default first column")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="picture; default NAME-data.png")] = None,
+    dark: Dark = False,
+    overwrite: Overwrite = False,
+) -> None:
+    """Show what is read from a measured file: how, which columns, and a picture of them."""
+    from dealib.cli.data import show
+
+    show(file, set or [], x, out, dark, overwrite)
 
 
 @app.command()
 def plot(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="run directories")],
     x: Annotated[
-        str | None, typer.Option("-x", metavar="COL", help="column to draw against; default time_s")
+        str | None, typer.Option("-x", metavar="COL", help="column to draw against; default time")
     ] = None,
     y: Annotated[
         list[str] | None, typer.Option("-y", metavar="COL", help="history column; repeat for more")
@@ -82,10 +144,11 @@ def plot(
 @app.command()
 def animate(
     run: RunDirectory,
-    field: Annotated[str, typer.Option(metavar="NAME", help="colours; see dealib plot")] = "E",
-    out: Annotated[
-        Path | None, typer.Option(help=".mp4 or .gif; default RUN/plots/animation-FIELD.mp4")
+    field: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="colours, see dealib plot; repeat for another picture"),
     ] = None,
+    out: Annotated[Path | None, typer.Option(help=".mp4 or .gif; default in RUN/plots/")] = None,
     seconds: Annotated[float, typer.Option(min=0.5, max=120, help="length of the film")] = 8.0,
     dark: Dark = False,
     overwrite: Overwrite = False,
@@ -93,7 +156,7 @@ def animate(
     """Animate the deforming strip beside its input curves."""
     from dealib.cli.animate import animate as draw
 
-    typer.echo(draw(run, field, out, seconds, dark, overwrite))
+    typer.echo(draw(run, field or [], out, seconds, dark, overwrite))
 
 
 @app.command()
@@ -129,18 +192,21 @@ def materials(
     region: Annotated[str, typer.Option(help="of the config: film or electrode")] = "film",
     out: Annotated[Path | None, typer.Option(help="picture; default LAW.png")] = None,
     stretch: Annotated[float, typer.Option(min=1.01, max=10, help="largest stretch")] = 2.0,
+    library: Annotated[Path | None, typer.Option(help="YAML file of your own materials")] = None,
     dark: Dark = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """List laws and published materials, or draw one's own response and its stability limit."""
+    """List laws and known materials, or draw one's own response and its stability limit."""
     from dealib.cli import materials as command
+    from dealib.config.library import known
     from dealib.errors import ConfigError
 
-    if law is None and config is None:
-        typer.echo(command.list_laws())
-        return
     if config is None:
-        found = command.given_law(law or "", set or [])
+        with known(library):
+            if law is None:
+                typer.echo(command.list_laws())
+                return
+            found = command.given_law(law, set or [])
     else:
         if law or set:
             raise ConfigError("--config gives the law and its parameters: drop LAW and --set")

@@ -22,7 +22,7 @@ def list_laws() -> str:
             rows.append(f"    {parameter:<16} {law.model_fields[parameter].description}")
     rows.append("each also takes youngs_modulus in place of its moduli, by the thesis's rule;")
     rows.append("moduli with their unit, such as '0.25 MPa'")
-    rows += ["", "Published materials, for library: NAME in a config:"]
+    rows += ["", "Known materials, for library: NAME in a config:"]
     for name, entry in library().items():
         rows.append(f"{name}: {entry.description}")
         rows.append(f"    {entry.words}")

@@ -36,6 +36,8 @@ def write_mesh(case: Case, path: Path, view: Path | None, overwrite: bool) -> No
     typer.echo(f"{path}: {sum(counts.values())} cells ({cells})")
     if view is not None:
         from dealib.plots.mesh import draw_mesh
+        from dealib.plots.style import save, theme
 
-        draw_mesh(path, view)
+        with theme():
+            save(draw_mesh(path), view)
         typer.echo(str(view))

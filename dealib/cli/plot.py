@@ -67,14 +67,15 @@ def _figure(
 ) -> tuple[Any, str]:
     """The figure and the name of its file."""
     if field is not None or profiles or revolved:
-        from dealib.plots import quantities
         from dealib.plots.shape import Shape, typical_step
+        from dealib.results import quantities
 
         shape = Shape(runs[0], typical_step(runs[0]) if step is None else step)
         if profiles:
             from dealib.plots.profiles import draw_profiles
 
-            chosen = [quantities.profile(name) for name in profiles]
+            charge = (quantities.SURFACE_CHARGE,)
+            chosen = [quantities.quantity(name, "profile", charge) for name in profiles]
             name = "+".join(q.name for q in chosen)
             return draw_profiles(shape, chosen), f"profile-{name}-step{shape.step:05d}"
         what = quantities.quantity(field or "E")
@@ -86,12 +87,11 @@ def _figure(
         from dealib.plots.contours import contours
 
         return contours(shape, what, look), f"field-{what.name}-step{shape.step:05d}"
-    from dealib.plots.curves import curves, overview
+    from dealib.plots.curves import clock_of, curves, overview
 
     if not ys:
         return overview(runs), "overview"
-    x = x or "time_s"
-    return curves(runs, x, ys), f"{'+'.join(ys)}-over-{x}"
+    return curves(runs, x, ys), f"{'+'.join(ys)}-over-{x or clock_of(runs)}"
 
 
 def default(runs: Sequence[Run], name: str, dark: bool = False, suffix: str = ".png") -> Path:

@@ -10,6 +10,7 @@ from rich.progress import Progress as Bar
 
 from dealib.program import Simulation, State
 from dealib.program.run import line
+from dealib.units import counted
 
 
 class Progress:
@@ -22,7 +23,7 @@ class Progress:
     def start(self, simulation: Simulation) -> None:
         """See `Observer`."""
         config, n = simulation.case.config, simulation.steps_planned
-        head = f"{config.name}: {simulation.unknowns} unknowns, {n} steps"
+        head = f"{config.name}: {simulation.unknowns} unknowns, {counted(n, 'step')}"
         done = simulation.progress.step
         if done >= 0:
             head += f", resumed after step {done}"
@@ -47,7 +48,7 @@ class Progress:
         if self._bar is None:
             print(line(row), flush=True)
             return
-        now = f"{row['stage']}  u {row['displacement_mm']:.4f} mm  V {row['voltage_kV']:.3f} kV"
+        now = f"{row['stage']}  u {row['displacement_mm']:z.4f} mm  V {row['voltage_kV']:z.3f} kV"
         total = max(self._bar.tasks[0].total or 0, row["step"])
         self._bar.update(self._task, completed=row["step"], total=total, now=now)
 

@@ -20,6 +20,14 @@ app = typer.Typer(
 )
 
 
+def _version(wanted: bool) -> None:
+    if wanted:
+        from dealib.versions import version_line
+
+        typer.echo(version_line())
+        raise typer.Exit
+
+
 @app.callback()
 def _before_each(
     verbose: Annotated[
@@ -30,6 +38,9 @@ def _before_each(
             envvar="DEALIB_VERBOSE",
             help="tell more, also after the command: steps, increments, tracebacks",
         ),
+    ] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="print versions")
     ] = False,
 ) -> None:
     to_terminal(verbose, rank() == 0)

@@ -13,11 +13,13 @@ from dealib.cli.clock import STARTED
 from dealib.cli.info import resume_command, summary
 from dealib.cli.progress import Progress
 from dealib.config.case import Case
+from dealib.config.size import refuse_full_disk, size
 from dealib.errors import ConfigError, Interrupted, NotConverged
 from dealib.log import verbose
 from dealib.program import Observer, Simulation, simulate
 from dealib.results.beside import Beside
 from dealib.results.reader import Run
+from dealib.units import counted
 
 
 def run_case(
@@ -33,15 +35,17 @@ def run_case(
     comm = MPI.COMM_WORLD
     if overwrite and resume:
         raise ConfigError("--overwrite and --resume exclude each other")
+    directory = Path(out or case.config.directory)
+    refuse_full_disk(case.config, directory)
     if dry_run:
         simulation = Simulation(case, comm)
         if comm.rank == 0:
             typer.echo(
                 f"{case.config.name}: {simulation.unknowns} unknowns, "
-                f"{simulation.steps_planned} steps; nothing solved, nothing written"
+                f"{counted(simulation.steps_planned, 'step')}; nothing solved, nothing written\n"
+                f"{size(case.config, simulation.unknowns)}"
             )
         return
-    directory = Path(out or case.config.directory)
     result = solve(case, directory, overwrite=overwrite, resume=resume, beside=beside)
     if comm.rank == 0:
         typer.echo(summary(result))

@@ -26,7 +26,13 @@ def _text(of: str, page: bool) -> str:
         from dealib.calibration.schema import Fit
 
         return fit.reference() if page else reference.json_text(Fit)
-    raise ConfigError(f"--of {of}: unknown{did_you_mean(of, ('config', 'study', 'fit'))}")
+    if of == "coupon":
+        from dealib.calibration import reference as fit
+        from dealib.calibration.coupon_schema import Coupon
+
+        return fit.coupon_reference() if page else reference.json_text(Coupon)
+    known = ("config", "study", "fit", "coupon")
+    raise ConfigError(f"--of {of}: unknown{did_you_mean(of, known)}")
 
 
 def write_schema(out: Path | None, *, of: str, page: bool, overwrite: bool) -> None:

@@ -58,12 +58,19 @@ def run(
 
 @app.command()
 def check(config: ConfigFile, set: Set = None) -> None:
-    """Validate a config; nothing is solved or written."""
+    """Validate a config and estimate its size; nothing is solved or written."""
     from dealib.config import load
+    from dealib.config.size import refuse_full_disk, size
 
     case = load(config, set)
+    if case.config.mesh_file is not None:
+        from dealib.device.sound import sound_mesh
+
+        sound_mesh(Path(case.config.mesh_file), case.config.device.kinematics.dim)
+    refuse_full_disk(case.config, Path(case.config.directory))
     stages = ", ".join(s.stage for s in case.config.program)
     typer.echo(f"{config}: valid; {case.config.name}: {stages}")
+    typer.echo(str(size(case.config)))
 
 
 @app.command()
@@ -81,7 +88,7 @@ def init(
 def schema(
     out: Annotated[Path | None, typer.Option(help="file; default: print")] = None,
     reference: Annotated[bool, typer.Option("--reference", help="page of all keys")] = False,
-    of: Annotated[str, typer.Option(help="config, study or fit")] = "config",
+    of: Annotated[str, typer.Option(help="config, study, fit or coupon")] = "config",
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the file")] = False,
 ) -> None:
     """Print the JSON schema of configs, studies or fits, for editors, or a page of all keys."""
@@ -134,7 +141,10 @@ def calibrate(
     resume: Annotated[bool, typer.Option("--resume", help="go on with an earlier fit")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier fit")] = False,
 ) -> None:
-    """Fit parameters of a config to measured curves; cases solved before are not solved again."""
+    """Fit parameters of a config, or a material to tests of it, to measured curves.
+
+    Cases solved before are not solved again.
+    """
     from dealib.cli.calibrate import run_fit
 
     run_fit(fit, out, cache, jobs, resume=resume, overwrite=overwrite)

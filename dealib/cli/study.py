@@ -20,6 +20,7 @@ from dealib.study import plan as planning
 from dealib.study import sweep
 from dealib.study.plan import Plan
 from dealib.study.sweep import CaseStatus
+from dealib.units import counted
 
 if TYPE_CHECKING:
     from dealib.study.evaluate import Results
@@ -108,7 +109,7 @@ def _solve(
     """Solve what is missing, in processes or an executor; returns what failed, by key."""
     jobs = sweep.missing(plans, store, retry)
     cases = sum(len(p.cases) for p in plans)
-    typer.echo(f"{cases} cases in {len(plans)} studies; {len(jobs)} to solve")
+    typer.echo(f"{counted(cases, 'case')} in {counted(len(plans), 'study')}; {len(jobs)} to solve")
     failed: dict[str, Ended] = {}
     done = 0
     workers = 0 if executor is not None else min(count or cores(), len(jobs))

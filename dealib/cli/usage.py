@@ -7,7 +7,21 @@ from collections.abc import Sequence
 
 import typer
 
+from dealib.errors import ConfigError
+from dealib.reading import too_long
+
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # of which all of typer's are kinds
+
+
+def refuse_long(arguments: Sequence[str]) -> None:
+    """Refuse what is too long for a path; none but values of --set may be so long.
+
+    Raises:
+        ConfigError: With the argument.
+    """
+    for before, argument in zip(("", *arguments), arguments, strict=False):
+        if before != "--set" and not argument.startswith("--set=") and (said := too_long(argument)):
+            raise ConfigError(said)
 
 
 def explain(error: Exception, arguments: Sequence[str] = ()) -> str:

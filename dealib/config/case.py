@@ -12,8 +12,10 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
+from dealib.config.library import known, of_config, without_library
 from dealib.config.messages import validate
 from dealib.config.schema import Config
+from dealib.config.size import refuse_too_large
 from dealib.config.source import Source
 from dealib.device.shapes import MeshShape
 from dealib.errors import ConfigError, ValueAt
@@ -71,21 +73,24 @@ def load(path: str | Path, set: Mapping[str, Any] | Iterable[str] | None = None)
     pairs = [f"{k}={_yaml(v)}" for k, v in items] or list(set or ())
     for assignment in pairs:
         source.override(assignment)
-    config = validate(Config, source)
+    with known(of_config(source)):
+        config = validate(Config, source)
+    if config.library is not None:  # its materials are in the config now
+        config = without_library(config)
     if config.mesh.file is not None:
         mesh = config.mesh.model_copy(
             update={"file": _found(source, ("mesh", "file"), config.mesh.file)}
         )
         config = config.model_copy(update={"mesh": mesh})
-    if isinstance(config.geometry, MeshShape):
-        where = ("geometry", "file")
-        file = _found(source, where, config.geometry.file)
-        geometry = config.geometry.model_copy(update={"file": file})
-        config = config.model_copy(update={"geometry": geometry})
-        try:
+    try:
+        if isinstance(config.geometry, MeshShape):
+            file = _found(source, ("geometry", "file"), config.geometry.file)
+            geometry = config.geometry.model_copy(update={"file": file})
+            config = config.model_copy(update={"geometry": geometry})
             config.check_device()
-        except ValueAt as error:
-            raise ConfigError(source.message(error.where, str(error))) from None
+        refuse_too_large(config)
+    except ValueAt as error:
+        raise ConfigError(source.message(error.where, str(error), "key")) from None
     return Case(config, source.text, source.path, tuple(pairs))
 
 
@@ -108,21 +113,26 @@ def _yaml(value: Any) -> str:
 
 
 def read(path: Path) -> Config:
-    """A config that was resolved before; its files need not be there any more.
+    """A config that was resolved before, which is longer; its files need not be there any more.
 
     Raises:
         ConfigError: If it is none.
     """
-    return validate(Config, Source(path))
+    return validate(Config, Source(path, most=20_000_000))
 
 
 def resolved(config: Config) -> str:
     """The config with all defaults, as YAML that reads back as the same config."""
+    return yaml_text(_listed(config.model_dump(exclude_none=True)))
+
+
+def yaml_text(tree: Any) -> str:
+    """A tree as YAML, with its keys in order."""
     out = io.StringIO()
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
-    yaml.dump(_listed(config.model_dump(exclude_none=True)), out)
+    yaml.dump(tree, out)
     return out.getvalue()
 
 

@@ -36,8 +36,9 @@ class Named(BaseModel):
 
     library: str | None = Field(
         None,
-        description="take what is not given from this published material (see dealib materials)",
-        json_schema_extra=lambda node: node.update({"enum": list(library())}),
+        description="take what is not given from this material: a published one (see dealib "
+        "materials), or one of the config's own `library`",
+        json_schema_extra=lambda node: node.update({"examples": list(library())}),
     )
 
 
@@ -85,6 +86,9 @@ def _complete(given: object, only: tuple[str, ...]) -> object:
     name = given["library"]
     if name not in library():
         hint = did_you_mean(name, library())
+        if name.endswith((".yaml", ".yml")):
+            hint = f"; a file goes to the top level of the config, 'library: {name}'; here stands "
+            hint += "the name of one of its materials"
         raise ValueAt(("library",), f"unknown material {name!r}{hint}")
     law = library()[name].values["law"]
     if given.get("law", law) != law:
@@ -123,7 +127,7 @@ def _or_named(node: dict[str, Any]) -> None:
     choices["oneOf"].append(
         {
             "type": "object",
-            "properties": {"library": {"enum": list(library())}},
+            "properties": {"library": {"type": "string", "examples": list(library())}},
             "required": ["library"],
             "not": {"required": ["law"]},
         }

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -10,6 +12,8 @@ from pydantic.fields import FieldInfo
 
 from dealib.config.source import Source
 from dealib.errors import ConfigError, ValueAt, did_you_mean
+from dealib.reading import shown
+from dealib.units import parse
 
 Loc = tuple[int | str, ...]
 Model = TypeVar("Model", bound=BaseModel)
@@ -45,6 +49,7 @@ def validate(model: type[Model], source: Source) -> Model:
         ConfigError: With one message a mistake, each with its place in the file.
     """
     tree = plain(source.tree)
+    _refuse_other_kinds(model.__name__, tree, source.path)
     try:
         return model.model_validate(tree)
     except ValidationError as error:
@@ -59,8 +64,29 @@ def validate(model: type[Model], source: Source) -> Model:
             where = in_file(item, tree)
             at: Literal["key", "value"] = "key" if item["type"] == "extra_forbidden" else "value"
             said = problem({**item, "input": _given(tree, where, item)}, model)
+            if item["type"] == "extra_forbidden" and _POISSON.fullmatch(str(where[-1])):
+                said = _by_moduli(_given(tree, where[:-1], {}), str(where[-1]))
             found[source.message(where, said, at)] = None
         raise ConfigError("\n".join(found)) from None
+
+
+# schema -> what its files are called, which keys only they have, and which command takes them
+_KINDS = {
+    "Config": ("config", {"geometry", "materials", "mesh", "physics", "solver"}, "run"),
+    "Study": ("study", {"title", "vary", "quantities", "panels", "windows"}, "study"),
+    "Fit": ("fit", {"parameters", "data", "method"}, "calibrate"),
+}
+
+
+def _refuse_other_kinds(wanted: str, tree: Mapping[str, Any], path: Path) -> None:
+    """Say it in one line if a file is of another kind."""
+    counts = {name: len(own & tree.keys()) for name, (_, own, _) in _KINDS.items()}
+    found = max(counts, key=counts.__getitem__)
+    if wanted in counts and counts[found] and not counts[wanted]:
+        given, _, command = _KINDS[found]
+        raise ConfigError(
+            f"{path}: a {given}, not a {_KINDS[wanted][0]}; 'dealib {command} {path}' takes it"
+        )
 
 
 def _within(loc: Loc, other: Loc) -> bool:
@@ -140,6 +166,21 @@ def _hint(item: Mapping[str, Any], model: type[BaseModel] | None) -> str:
     return did_you_mean(str(item["loc"][-1]), list(dict.fromkeys(known)))
 
 
+_POISSON = re.compile(r"nu|poissons?(_?ratio)?", re.IGNORECASE)
+
+
+def _by_moduli(material: Any, key: str) -> str:
+    """How to write a Young's modulus E and a Poisson's ratio nu: as two moduli."""
+    said = "unknown key; give shear_modulus = E / (2 (1 + nu)), bulk_modulus = E / (3 (1 - 2 nu))"
+    try:
+        nu, E = float(material[key]), parse(material["youngs_modulus"], "stress")
+    except (KeyError, TypeError, ValueError):
+        return f"{said}; youngs_modulus alone means nu = 0.49"
+    if not 0 <= nu < 0.5:
+        return f"{said}; nu must be below 0.5, for incompressible rubber such as 0.499"
+    return f"{said}, here {E / (2 + 2 * nu):.4g} MPa and {E / (3 - 6 * nu):.4g} MPa"
+
+
 def _meant(item: Mapping[str, Any], loc: Loc, model: type[BaseModel]) -> bool:
     """Whether an unknown key is a missing one of the same section, misspelt."""
     same = item["loc"][:-1] == loc[:-1]
@@ -153,7 +194,7 @@ def _shown(given: Any) -> str:
     if isinstance(given, bool):
         return str(given).lower()
     if isinstance(given, (str, int, float)):
-        return repr(given)
+        return shown(repr(given))
     if isinstance(given, (dict, list)):
         return "a mapping" if isinstance(given, dict) else "a list"
     return f"a {type(given).__name__}"
@@ -193,6 +234,7 @@ def _models_at(model: type[BaseModel] | None, loc: Iterable[int | str]) -> list[
     kinds = [] if model is None else [model]
     for part in loc:
         fields = [m.model_fields[part] for m in kinds if part in m.model_fields]
+        fields = fields or [m.model_fields["root"] for m in kinds if "root" in m.model_fields]
         if fields:
             kinds = [m for f in fields for m in _models_in(f.annotation)]
         elif isinstance(part, str):  # the tag of a union, or a key of a free mapping

@@ -9,6 +9,7 @@ from pydantic import Field, TypeAdapter, model_validator
 
 from dealib.config.bias import BiasElement, Element, Forces, Lengths, Masses, Spring
 from dealib.config.follow import Follow
+from dealib.config.names import Cell
 from dealib.config.stop import Condition
 from dealib.device.device import Device
 from dealib.device.records import KINDS, PortKind
@@ -101,7 +102,7 @@ Input: TypeAlias = MountInput | TerminalInput | ChamberInput
 class Stage(Section):
     """One stage: what changes at the ports, over how long, in how many steps."""
 
-    stage: str = Field(
+    stage: Cell = Field(
         min_length=1, description="name; `prestrain` ramps the materials' pre-stretch from 1"
     )
     duration: Time = Field(1.0, gt=0, description="of one cycle")

@@ -3,39 +3,29 @@
 from __future__ import annotations
 
 import os
-import re
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from dealib.config.bias import check_second_films
 from dealib.config.follow import check_branches
 from dealib.config.materials import Material, Materials, check_materials
+from dealib.config.names import FilePath, Name
 from dealib.config.probes import Probe, check_probes
 from dealib.config.program import Stage, check_inputs
 from dealib.config.stop import Condition, check_conditions
 from dealib.config.tables import Tables
+from dealib.device import msh
 from dealib.device.assembly import Sections, device
 from dealib.device.device import Device
-from dealib.device.gmsh_file import physical_names
 from dealib.device.ports import Chamber, Hold, Mount, Terminal
 from dealib.device.records import TERMINAL
 from dealib.device.shapes import AnnularStrips, Geometry, MeshShape
 from dealib.errors import ValueAt, did_you_mean
 from dealib.section import Section
 from dealib.units import ElectricField, Length, Resistance, Stress
-
-
-def _plain_name(name: str) -> str:
-    if not re.fullmatch(r"[\w.+-]+", name):
-        raise ValueError("use letters, digits, '_', '-', '.' and '+' only")
-    return name
-
-
-Name = Annotated[str, AfterValidator(_plain_name)]
-
 
 # --- mesh -----------------------------------------------------------------------------------------
 
@@ -62,7 +52,7 @@ class Mesh(Section):
     air_size: Length | None = Field(
         None, gt=0, description="cell size at the far side of the air; default air_height / 5"
     )
-    file: str | None = Field(
+    file: FilePath | None = Field(
         None, description="of annular strips: read this Gmsh mesh, with the same physical names"
     )
 
@@ -90,7 +80,10 @@ class Physics(Section):
         "where they would be pressed",
     )
     slack_stiffness: float = Field(
-        1e-4, gt=0, le=0.1, description="share of a film's stiffness that it keeps where it wrinkles"
+        1e-4,
+        gt=0,
+        le=0.1,
+        description="share of a film's stiffness that it keeps where it wrinkles",
     )
     formulation: Literal["displacement", "mixed"] = Field(
         "displacement",
@@ -108,11 +101,13 @@ class Solver(Section):
     tolerance: float = Field(
         1e-9, gt=0, lt=1e-3, description="on the residual of each field, relative to its scale"
     )
-    max_iterations: int = Field(12, ge=2, description="Newton iterations before a cut-back")
+    max_iterations: int = Field(
+        12, ge=2, le=1000, description="Newton iterations before a cut-back"
+    )
     target_iterations: int = Field(
         6, ge=1, description="increments grow back while a step needs at most this many"
     )
-    max_cuts: int = Field(10, ge=0, description="halvings of an increment before giving up")
+    max_cuts: int = Field(10, ge=0, le=40, description="halvings of an increment before giving up")
     time_tolerance: float = Field(
         1e-3,
         ge=0,
@@ -178,7 +173,7 @@ class Sensing(Section):
 class Output(Section):
     """Where results go."""
 
-    directory: str | None = Field(None, description="default runs/NAME")
+    directory: FilePath | None = Field(None, description="default runs/NAME")
     fields: Literal["every", "stage", "none"] = Field(
         "every", description="store fields each step, at the end of each stage, or never"
     )
@@ -189,6 +184,11 @@ class Config(Section):
 
     name: Name = Field(min_length=1, description="short name; also the default run directory")
     description: str = Field("", description="one line, shown in reports")
+    library: str | None = Field(
+        None,
+        description="YAML file of materials of your own, beside this one; they are then known to "
+        "`library` of a material, as the published ones are",
+    )
     geometry: Geometry
     regions: dict[str, str] | None = Field(
         None, description="of an own mesh: materials of regions whose names are no materials"
@@ -224,12 +224,18 @@ class Config(Section):
         """Run directory."""
         return os.path.expanduser(self.output.directory or f"runs/{self.name}")
 
+    @property
+    def mesh_file(self) -> str | None:
+        """Gmsh file that is read instead of meshing."""
+        geometry = self.geometry
+        return geometry.file if isinstance(geometry, MeshShape) else self.mesh.file
+
     @cached_property
     def device(self) -> Device:
         """What it describes: regions, ports, supports; of a mesh file, its names are read."""
         names = None
         if isinstance(self.geometry, MeshShape):
-            names = physical_names(Path(self.geometry.file))
+            names = msh.physical_names(Path(self.geometry.file))
         sections = Sections(self.terminals, self.mounts, self.holds, self.chambers, self.regions)
         conductors = {name: self.conducts(name) for name in self.materials}
         sheet = self.physics.model == "membrane"

@@ -6,14 +6,17 @@ import re
 from pathlib import Path
 from typing import Any, Literal
 
-from ruamel.yaml import YAML
 from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.reader import ReaderError
 
+from dealib.config.text import TooLarge, load
 from dealib.errors import ConfigError
+from dealib.reading import read_text, shown
 
 Path_ = tuple[str | int, ...]
+
+_MOST = 1_000_000  # bytes of a file, of which a second's reading takes 50,000
 
 
 class Source:
@@ -21,25 +24,22 @@ class Source:
 
     Args:
         path: The file.
+        most: Largest size, bytes.
 
     Raises:
         ConfigError: If the file cannot be read or is no YAML mapping.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, most: int = _MOST) -> None:
         self.path = path
         self.overridden: dict[Path_, str] = {}
+        self.text = read_text(path, "config", most)
         try:
-            self.text = path.read_text(encoding="utf-8")
-        except OSError as error:
-            raise ConfigError(f"{path}: cannot read the config: {error.strerror}") from None
-        except UnicodeDecodeError:
-            raise ConfigError(f"{path}: not a text file in UTF-8") from None
-        try:
-            self.tree = YAML(typ="rt", pure=True).load(self.text)
+            self.tree = load(self.text, "rt")
         except MarkedYAMLError as error:
             mark = error.problem_mark or error.context_mark
-            raise ConfigError(self._at(mark.line, mark.column, _yaml_problem(error))) from None
+            problem = _yaml_problem(error, self.text.splitlines()[mark.line : mark.line + 1])
+            raise ConfigError(self._at(mark.line, mark.column, problem)) from None
         except ReaderError as error:
             line = self.text.count("\n", 0, error.position)
             column = error.position - (self.text.rfind("\n", 0, error.position) + 1)
@@ -52,17 +52,24 @@ class Source:
         if not isinstance(self.tree, CommentedMap):
             kind = "a list" if isinstance(self.tree, CommentedSeq) else "plain text"
             raise ConfigError(self._at(0, 0, f"expected keys such as 'geometry:', not {kind}"))
-        self._refuse_tags(self.tree, ())
+        self._refuse(self.tree, ())
 
-    def _refuse_tags(self, node: Any, where: Path_) -> None:
-        """Tags such as '!x' have no meaning here."""
+    def _refuse(self, node: Any, where: Path_) -> None:
+        """Tags such as '!x' have no meaning here, and half an expression is none."""
         tag = getattr(getattr(node, "tag", None), "value", None)
         if tag is not None:
             raise ConfigError(self.message(where, f"unknown tag {tag!r}; write the value alone"))
         if not isinstance(node, (CommentedMap, CommentedSeq)):
             return
-        for key in node if isinstance(node, CommentedMap) else range(len(node)):
-            self._refuse_tags(node[key], (*where, key))
+        keys = list(node) if isinstance(node, CommentedMap) else list(range(len(node)))
+        for i, key in enumerate(keys):
+            rest = (keys if isinstance(node, CommentedMap) else node)[i + 1 : i + 20]
+            if node.fa.flow_style() and _is_cut(node[key], rest):
+                line, column = self._position((*where, key), "value")
+                found = _CALL.match(self.text.splitlines()[line][column:])
+                problem = f"{_QUOTE}: '{found[0]}'" if found else _QUOTE
+                raise ConfigError(self.message((*where, key), problem))
+            self._refuse(node[key], (*where, key))
 
     def override(self, assignment: str) -> None:
         """Apply one `key.sub.0.key=value`; the value is read as YAML.
@@ -73,15 +80,19 @@ class Source:
         key, sign, text = assignment.partition("=")
         parts = [int(p) if p.isdigit() else p for p in key.strip().split(".")]
         if not sign or "" in parts:
-            raise ConfigError(f"--set {assignment}: expected KEY=VALUE, such as mesh.columns=80")
+            raise ConfigError(
+                f"--set {shown(assignment)}: expected KEY=VALUE, such as mesh.columns=80"
+            )
         try:
-            value = YAML(typ="safe", pure=True).load(text)
+            value = load(text)
+        except TooLarge as error:
+            raise ConfigError(f"--set {shown(assignment)}: {error.problem}") from None
         except (YAMLError, ValueError):
             value = text.strip()
         node: Any = self.tree
         for depth, part in enumerate(parts):
             if problem := _no_step(node, part, ".".join(map(str, parts[:depth]))):
-                raise ConfigError(f"--set {assignment}: {problem}")
+                raise ConfigError(f"--set {shown(assignment)}: {problem}")
             if depth == len(parts) - 1:
                 node[part] = value
             elif isinstance(node, dict) and node.get(part) is None:
@@ -102,7 +113,7 @@ class Source:
             n = min(len(path), len(where))
             if path[:n] == where[:n] and (len(where) >= len(path) or not self._in_text(where)):
                 key = "" if ".".join(map(str, path)) == dotted else f"{dotted}: "
-                return f"--set {assignment}: {key}{problem}"
+                return f"--set {shown(assignment)}: {key}{problem}"
         line, column = self._position(where, at)
         return self._at(line, column, f"{dotted}: {problem}" if dotted else problem)
 
@@ -136,10 +147,15 @@ class Source:
         head = f"{self.path}:{line + 1}:{column + 1}: {problem}"
         if line >= len(lines) or not lines[line].strip():
             return head
-        shown = "".join(c if c.isprintable() else " " for c in lines[line])  # tabs would shift it
-        return f"{head}\n    {shown}\n    {' ' * column}^"
+        start = max(0, column - _WIDE // 2) if len(lines[line]) > _WIDE else 0
+        part = lines[line][start : start + _WIDE]
+        part = "".join(c if c.isprintable() else " " for c in part)  # tabs would shift it
+        return f"{head}\n    {part}\n    {' ' * (column - start)}^"
 
 
+_WIDE = 200  # characters of a line that are shown
+_QUOTE = "a comma ends the value here; quote the expression"
+_CALL = re.compile(r"[^{}\[\]]*?\([^()]*\)")
 _START = "; 'dealib init' writes a config to start from"
 
 _YAML_PROBLEMS = {  # what the parser says -> what a user can do about it
@@ -158,12 +174,23 @@ _YAML_PROBLEMS = {  # what the parser says -> what a user can do about it
 }
 
 
-def _yaml_problem(error: MarkedYAMLError) -> str:
+def _yaml_problem(error: MarkedYAMLError, line: list[str]) -> str:
     said = str(error.problem or error.context)
+    if isinstance(error, TooLarge):
+        return said
     for pattern, problem in _YAML_PROBLEMS.items():
         if found := re.search(pattern, said):
-            return problem.format(*found.groups())
+            hint = "; an expression with commas needs quotes, such as 'end(force_N, \"push\")'"
+            within = pattern.startswith("expected ','") and re.search(r"\w\([^)]*,", "".join(line))
+            return problem.format(*found.groups()) + (hint if within else "")
     return f"no valid YAML: {said.strip().splitlines()[0]}"
+
+
+def _is_cut(value: Any, rest: list[Any]) -> bool:
+    """Whether a value is an expression that goes on behind a comma, in what follows."""
+    parts = [str(part) for part in (value, *rest)]
+    missing = [part.count("(") - part.count(")") for part in parts]
+    return isinstance(value, str) and missing[0] > 0 > min(missing)
 
 
 def _no_step(node: Any, part: str | int, above: str) -> str:

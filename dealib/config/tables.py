@@ -58,10 +58,14 @@ class Tables(Section):
         return found
 
     @property
+    def counts(self) -> tuple[int, ...]:
+        """Number of values of each variable."""
+        return (self.points or _POINTS)[: len(self.axes)]
+
+    @property
     def grids(self) -> dict[str, npt.NDArray[np.float64]]:
         """Values of each variable, from the first to the last."""
-        counts = self.points or _POINTS
-        pairs = zip(self.axes.items(), counts, strict=False)
+        pairs = zip(self.axes.items(), self.counts, strict=True)
         return {name: np.linspace(*ends, count) for (name, ends), count in pairs}
 
     def check(self, config: Any) -> None:

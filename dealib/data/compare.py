@@ -9,11 +9,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
+from dealib.data.branches import branches
 from dealib.data.measured import Array, Measured
+from dealib.data.names import split_unit
 from dealib.errors import ConfigError
 
-_DRAWN = 200  # points of a curve
-_TURN = 0.05  # of the range of x: a retreat by less is noise, not a new branch
+_DRAWN = 200  # points of a curve between the points of a branch; fewer where branches are many
+_DRAWN_ALL = 20_000
 
 
 @dataclass(frozen=True)
@@ -96,11 +98,10 @@ def compare(
     rows = _rows([str(s) for s in np.asarray(history["stage"])], stage)
     run_x = np.asarray(history[measured.x], dtype=float)[rows]
     x = measured.columns[measured.x]
-    pieces = branches(x, hold=False)
+    pieces = branches(x, hold=False, turn=measured.turn)
     partners = _partners(x, pieces, run_x, branches(run_x))
-    number = np.zeros(len(x), dtype=np.int64)
-    for k, piece in enumerate(pieces):
-        number[piece] = k
+    number = np.repeat(np.arange(len(pieces)), [p.stop - p.start for p in pieces])
+    drawn = int(np.clip(_DRAWN_ALL / len(pieces), 2, _DRAWN))
     found = []
     for name in measured.curves:
         run_y = np.asarray(history[name], dtype=float)[rows]
@@ -110,40 +111,45 @@ def compare(
             computed[piece] = _interpolate(*curve, x[piece], extrapolate)
             beyond[piece] = np.logical_or(*_beyond(curve[0], x[piece]))
             reach = x[max(piece.start - 1, 0) : piece.stop]
-            between = np.linspace(reach.min(), reach.max(), _DRAWN)
+            between = np.linspace(reach.min(), reach.max(), drawn)
             curves.append(np.stack([between, _interpolate(*curve, between, extrapolate)]))
         values = measured.columns[name]
-        parts = (x, values, computed, beyond, number)
+        there = np.isfinite(values)
+        parts = x[there], values[there], computed[there], beyond[there], number[there]
         found.append(Comparison(measured.x, name, *parts, tuple(curves)))
         if not found[-1].inside.any():
             raise ConfigError(
                 f"{measured.path}: {measured.x} spans {x.min():.6g} .. {x.max():.6g}, the run "
                 f"{run_x.min():.6g} .. {run_x.max():.6g}: no point to compare"
+                f"{remedy(measured.x, x, run_x)}"
             )
     return found
 
 
-def branches(x: Array, hold: bool = True) -> list[slice]:
-    """Pieces of an abscissa between its turning points, each of at least one point.
+def remedy(name: str, x: Array, run_x: Array) -> str:
+    """What would bring points into the range of a run: a sign, a power of ten, a zero.
 
     Args:
-        x: Abscissa, in the order of measurement.
-        hold: Points that rest at a turn end the branch before it, else they begin the next one.
+        name: Column of the abscissa.
+        x: Measured abscissae.
+        run_x: Those of the run.
+
+    Returns:
+        A hint such as '; with the other sign 100 % would lie inside (prepare: ...)', or nothing.
     """
-    noise = _TURN * float(np.ptp(x))
-    turns, extreme, direction = [0], 0, 0.0
-    for i in range(1, len(x)):
-        step = x[i] - x[extreme]
-        if direction == 0:
-            if abs(step) > noise:
-                direction, extreme = float(np.sign(step)), i
-        elif step * direction > 0 or (hold and step == 0):
-            extreme = i
-        elif -step * direction > noise:
-            turns.append(extreme)
-            direction, extreme = -direction, i
-    starts = [0, *(t + 1 for t in turns[1:])]
-    return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(x)], strict=True)]
+    quantity = split_unit(name)[0]
+    moved = {
+        "sign: -1": -x,
+        "zero: start": x - x[0],
+        **{f"factor: 1e{k}": x * 10.0**k for k in (-3, 3, -6, 6, -1, 1, -2, 2)},
+    }
+    low, high = run_x.min() - _slack(run_x), run_x.max() + _slack(run_x)
+    for key, values in moved.items():
+        share = float(np.mean((values >= low) & (values <= high)))
+        wide = float(np.ptp(values)) > 0.05 * float(np.ptp(run_x))
+        if share >= 0.9 and wide:
+            return f"; with prepare: {{{quantity}: {{{key}}}}} {share:.0%} would lie inside"
+    return ""
 
 
 def _rows(stages: Sequence[str], stage: str | None) -> list[int]:

@@ -1,23 +1,26 @@
-"""Measured curves from CSV files whose headers carry units, in the units of `history.csv`."""
+"""Measured curves under the names and in the units of `history.csv`."""
 
 from __future__ import annotations
 
-import csv
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from dealib.data.names import plain, split_unit
+from dealib.data.prepare import Columns, averaged, prepare, resampled
+from dealib.data.read import read
+from dealib.data.schema import Selection
+from dealib.data.table import Column, Table
 from dealib.errors import ConfigError, did_you_mean
-from dealib.units import factor
+from dealib.units import convert
 
 Array = npt.NDArray[np.float64]
 
-_BRACKETS = re.compile(r"^(.*?)\s*[\[(](.*)[\])]\s*$")
-_NO_UNITS = {"min", "max", "step", "steps"}  # words that end names of columns
+TIME = "time_s"
 
 
 @dataclass(frozen=True)
@@ -27,143 +30,152 @@ class Measured:
     Attributes:
         path: The file.
         x: Name of the column that is the abscissa.
-        columns: Values of each column, (points,).
+        columns: Values of each column (points,), x first; NaN where one but x has none.
+        account: How the file was read, what was taken and what was done to it, in one line.
+        turn: Least retreat of the abscissa that begins a new branch; None: by its noise.
     """
 
     path: Path
     x: str
-    columns: dict[str, Array]
+    columns: Columns
+    account: str = ""
+    turn: float | None = None
 
     @property
     def curves(self) -> list[str]:
-        """Names of the columns that are curves over the abscissa."""
-        return [name for name in self.columns if name != self.x]
+        """Names of the columns that are curves over the abscissa; times are none."""
+        return [name for name in self.columns if name not in (self.x, TIME)]
+
+    @property
+    def points(self) -> int:
+        """Number of measured values of all curves."""
+        return sum(int(np.isfinite(self.columns[name]).sum()) for name in self.curves)
 
 
-def read(
-    path: str | Path,
-    history: Iterable[str],
-    names: Mapping[str, str] | None = None,
-    x: str | None = None,
-) -> Measured:
-    """Read a data file.
+def measured(path: str | Path, history: Iterable[str], wanted: Selection | None = None) -> Measured:
+    """Read the curves of a data file that a history can be compared with.
 
     Args:
-        path: CSV file with one header line; comma, semicolon or tab; lines from '#' are comments.
-        history: Columns of the history that a curve can be compared with.
-        names: Header of the file by quantity, where they differ; default: headers such as
-            'force [mN]' or 'force_mN', of which those that the history does not know are errors.
-        x: Quantity that is the abscissa; default the first column.
+        path: The file.
+        history: Columns of the history.
+        wanted: Which columns are taken, and what is done to them; default: all, by their headers,
+            such as 'force [mN]', of which those that the history does not know are errors.
 
     Raises:
         ConfigError: If the file, a header or a value is not as it should be.
     """
-    path = Path(path)
+    path, wanted = Path(path), wanted or Selection(file=str(path))
     known = {split_unit(column)[0]: column for column in history}
-    headers, rows, lines = _table(path)
-    if names is not None:
-        for quantity, header in names.items():
-            if header not in headers:
-                raise ConfigError(f"{path}: no column {header!r}{did_you_mean(header, headers)}")
+    table = read(path, wanted.format)
+    taken = _taken(table, known, wanted)
+    columns: Columns = {}
+    for quantity, column in taken.items():
+        unit = split_unit(known[quantity])[1]
+        if unit and not column.unit:
+            raise ConfigError(
+                f"{path}: column {column.header!r} has no unit; write '{column.name} [{unit}]', "
+                f"here or as columns: {{{quantity}: '{column.name} [{unit}]'}}"
+            )
+        try:
+            columns[known[quantity]] = column.in_unit(unit)
+        except ValueError as error:
+            raise ConfigError(f"{path}: column {column.header!r}: {error}") from None
+    first = next(iter(columns), "") if wanted.x is None else known.get(plain(wanted.x), "")
+    if first not in columns or len(columns) < 2:
+        what = (
+            f"a column {wanted.x!r} and one more"
+            if wanted.x is not None
+            else "two columns, x and y"
+        )
+        raise ConfigError(f"{path}: a curve needs {what}")
+    try:
+        columns, turn, done = _prepared(columns, first, known, wanted)
+    except ValueError as error:
+        raise ConfigError(f"{path}: {error}") from None
+    rows = len(columns[first])
+    columns = _curves(path, columns, first)
+    if left := rows - len(columns[first]):
+        done.append(f"{left} row{'s' * (left > 1)} without a point left out")
+    sources = ", ".join(f"{known[q]} from {c.header!r}" for q, c in taken.items())
+    notes = [table.account, f"x is {first}", sources, *done]
+    return Measured(path, first, columns, "; ".join(notes), turn)
+
+
+def _taken(table: Table, known: dict[str, str], wanted: Selection) -> dict[str, Column]:
+    """Columns of the file by quantity, in the order of the file."""
+    if wanted.columns is not None:
+        for quantity in wanted.columns:
             if quantity not in known:
                 hint = did_you_mean(quantity, known)
-                raise ConfigError(f"{path}: unknown quantity {quantity!r}{hint}")
-        wanted = {header: quantity for quantity, header in names.items()}
-    else:
-        wanted = {header: _quantity(header, known, path) for header in headers}
-    columns: dict[str, Array] = {}
-    for i, header in enumerate(headers):
-        if header not in wanted:
+                raise ConfigError(f"{table.path}: unknown quantity {quantity!r}{hint}")
+        found = {q: table.find(header) for q, header in wanted.columns.items()}
+        names = [c.name for c in table.columns]
+        return dict(sorted(found.items(), key=lambda item: names.index(item[1].name)))
+    ignored = {table.find(header).header for header in wanted.ignore}
+    nameless = {c.header for c in table.columns if re.fullmatch(r"column \d+", c.name)}
+    if len(nameless) < len(table.columns):  # counts of rows, notes
+        ignored |= nameless
+    found = {}
+    for column in table.columns:
+        if column.header in ignored:
             continue
-        column = known[wanted[header]]
-        scale = _scale(header, column, path)
-        columns[column] = scale * _numbers(path, header, [row[i] for row in rows], lines)
-    first = next(iter(columns), "") if x is None else known.get(x, "")
-    if first not in columns or len(columns) < 2:
-        what = f"a column {x!r} and one more" if x is not None else "two columns, x and y"
-        raise ConfigError(f"{path}: a curve needs {what}")
-    return Measured(path, first, columns)
+        quantity = plain(column.name)
+        if quantity not in known:  # 'voltage (ch 1)'
+            quantity = plain(re.sub(r"\([^()]*\)", "", column.name))
+        if quantity not in known:
+            hint = did_you_mean(quantity, known)
+            raise ConfigError(
+                f"{table.path}: column {column.header!r} is no quantity of a run{hint}; "
+                f"name those that are (columns) or leave it out (ignore)"
+            )
+        if quantity in found:
+            pair = f"{found[quantity].header!r} and {column.header!r}"
+            raise ConfigError(
+                f"{table.path}: columns {pair} are both {quantity}: name one (columns) or leave "
+                "one out (ignore)"
+            )
+        found[quantity] = column
+    return found
 
 
-def split_unit(name: str) -> tuple[str, str]:
-    """Quantity and unit of a column: 'Force [mN]' -> force, mN; 'field_max_MV_per_m' -> MV/m."""
-    if found := _BRACKETS.match(name):
-        return _plain(found[1]), found[2].strip()
-    parts = name.strip().replace(" ", "_").split("_")
-    for k in range(1, len(parts)):
-        unit = "_".join(parts[k:]).replace("_per_", "/")
-        if unit not in _NO_UNITS and _is_unit(unit):
-            return _plain("_".join(parts[:k])), unit
-    return _plain(name), ""
+def _prepared(
+    columns: Columns, x: str, known: dict[str, str], wanted: Selection
+) -> tuple[Columns, float | None, list[str]]:
+    """Columns as the user wants them, the least turn of x, and what was done."""
+
+    def named(quantity: str, key: str) -> str:
+        name = known.get(quantity, "")
+        if name not in columns:
+            taken = [q for q, c in known.items() if c in columns]
+            raise ValueError(f"{key}: no column {quantity!r}{did_you_mean(quantity, taken)}")
+        return name
+
+    done: list[str] = []
+    if wanted.prepare:
+        by_name = {named(q, "prepare"): p for q, p in wanted.prepare.items()}
+        columns, done = prepare(columns, by_name)
+    if wanted.plateaus is not None:
+        over = named(wanted.plateaus.of, "plateaus.of")
+        columns, notes = averaged(columns, over, wanted.plateaus)
+        done += notes
+    turn = None if wanted.turn is None else convert(wanted.turn, split_unit(x)[1])
+    if wanted.resample is not None:
+        good = np.isfinite(columns[x])
+        columns = {name: values[good] for name, values in columns.items()}
+        columns, notes = resampled(columns, x, wanted.resample, turn)
+        done += notes
+    return columns, turn, done
 
 
-def _plain(name: str) -> str:
-    return re.sub(r"[\s-]+", "_", name.strip()).lower()
-
-
-def _is_unit(text: str) -> bool:
-    try:
-        factor(text, text)
-    except ValueError:
-        return False
-    return True
-
-
-def _quantity(header: str, known: Mapping[str, str], path: Path) -> str:
-    quantity = split_unit(header)[0]
-    if quantity not in known:
-        hint = did_you_mean(quantity, known)
-        raise ConfigError(f"{path}: column {header!r} is no quantity of a run{hint}")
-    return quantity
-
-
-def _scale(header: str, column: str, path: Path) -> float:
-    """Factor from the unit of a header to that of a column of the history."""
-    given, unit = split_unit(header)[1], split_unit(column)[1]
-    if unit and not given:
-        raise ConfigError(f"{path}: column {header!r} has no unit; write '{header} [{unit}]'")
-    try:
-        return factor(given or "dimensionless", unit or "dimensionless")
-    except ValueError as error:
-        raise ConfigError(f"{path}: column {header!r}: {error}") from None
-
-
-def _table(path: Path) -> tuple[list[str], list[list[str]], list[int]]:
-    """Headers, rows, and the line number of each row."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot read the data: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise ConfigError(f"{path}: not a text file in UTF-8") from None
-    lines = [
-        (n, line)
-        for n, line in enumerate(text.splitlines(), start=1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
-    if len(lines) < 3:
-        raise ConfigError(f"{path}: expected a header line and at least two lines of numbers")
-    delimiter = max(";\t,", key=lines[0][1].count)
-    rows = [
-        [c.strip() for c in row] for row in csv.reader((x for _, x in lines), delimiter=delimiter)
-    ]
-    if delimiter == ";":  # where a comma may be the decimal sign
-        rows[1:] = [[c.replace(",", ".") for c in row] for row in rows[1:]]
-    for (n, _), row in zip(lines, rows, strict=True):
-        if len(row) != len(rows[0]):
-            raise ConfigError(f"{path}:{n}: {len(row)} values for {len(rows[0])} columns")
-    if len(set(rows[0])) < len(rows[0]):
-        raise ConfigError(f"{path}:{lines[0][0]}: two columns have the same header")
-    return rows[0], rows[1:], [n for n, _ in lines[1:]]
-
-
-def _numbers(path: Path, header: str, texts: list[str], lines: list[int]) -> Array:
-    values = np.empty(len(texts))
-    for i, (text, line) in enumerate(zip(texts, lines, strict=True)):
-        try:
-            values[i] = float(text)
-        except ValueError:
-            raise ConfigError(f"{path}:{line}: {header}: {text!r} is no number") from None
-        if not np.isfinite(values[i]):
-            raise ConfigError(f"{path}:{line}: {header}: {text!r} is not finite")
-    return values
+def _curves(path: Path, columns: Columns, x: str) -> Columns:
+    """The columns without rows that have no point."""
+    curves = {n: v for n, v in columns.items() if n not in (x, TIME)}
+    if not curves:
+        raise ConfigError(f"{path}: a curve needs two columns, x and y, that are no times")
+    kept = np.isfinite(columns[x]) & np.any([np.isfinite(v) for v in curves.values()], axis=0)
+    if kept.sum() < 2:
+        raise ConfigError(f"{path}: fewer than two rows have numbers for x and a curve")
+    for name, values in curves.items():
+        if not np.isfinite(values[kept]).any():
+            raise ConfigError(f"{path}: {name} has no number in any row that has {x}")
+    return {x: columns[x][kept], **{n: v[kept] for n, v in columns.items() if n != x}}

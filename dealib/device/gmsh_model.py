@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from dealib.config.schema import Config
-from dealib.device import own_mesh, own_strips, sheet, solid
+from dealib.device import msh, own_mesh, own_strips, sheet, solid, sound
 from dealib.device.shapes import AnnularStrips, MeshShape
 from dealib.errors import ConfigError
 from dealib.files import whole
+from dealib.patience import patience
 
 
 @contextmanager
@@ -29,12 +30,13 @@ def gmsh_model(config: Config) -> Iterator[Any]:
         gmsh.option.setNumber("Mesh.MshFileVersion", 4.1)
         if config.mesh.file is None and laminate is not None:
             gmsh.model.add(config.name)
-            if laminate.sheet:
-                sheet.build(gmsh, laminate, config.mesh)
-            elif laminate.solid:
-                solid.build(gmsh, laminate, config.mesh)
-            else:
-                laminate.grid(config.mesh).build(gmsh)
+            with patience("meshing"):
+                if laminate.sheet:
+                    sheet.build(gmsh, laminate, config.mesh)
+                elif laminate.solid:
+                    solid.build(gmsh, laminate, config.mesh)
+                else:
+                    laminate.grid(config.mesh).build(gmsh)
         else:
             _read(gmsh, config)
         yield gmsh
@@ -45,9 +47,12 @@ def session() -> Iterator[Any]:
     """A quiet session of Gmsh, which takes no signals away."""
     import gmsh
 
-    gmsh.initialize(interruptible=False)
+    # without the user's own options of Gmsh: they would change the mesh
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
     if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):  # Gmsh sets one back to its default
+        # Gmsh sets some back to their defaults, and PETSc lets a closed pipe end the process
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+        for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.getsignal(number))
     try:
         gmsh.option.setNumber("General.Terminal", 0)
@@ -94,14 +99,16 @@ def cells_by_region(model: Any) -> dict[str, int]:
 
 
 def _read(gmsh: Any, config: Config) -> None:
-    geometry = config.geometry
-    path = geometry.file if isinstance(geometry, MeshShape) else config.mesh.file
+    geometry, path = config.geometry, config.mesh_file
+    assert path is not None
+    found = msh.read(Path(path))
     try:
-        gmsh.open(path)
-    except Exception:  # gmsh raises plain Exception
-        reason = gmsh.logger.getLastError() or "unknown format"
-        raise ConfigError(f"mesh.file {path}: Gmsh cannot read it: {reason}") from None
+        found.into(gmsh.model)
+    except Exception as error:  # gmsh raises plain Exception
+        raise ConfigError(f"{path}: no sound mesh: {error}") from None
+    if isinstance(geometry, AnnularStrips):
+        own_strips.check(gmsh.model, path, geometry)
+    if fault := sound.fault(found, config.device.kinematics.dim):
+        raise ConfigError(f"{path}: {fault}")
     if isinstance(geometry, MeshShape):
         own_mesh.prepare(gmsh, config, geometry)
-    elif isinstance(geometry, AnnularStrips):
-        own_strips.check(gmsh.model, str(path), geometry)

@@ -88,12 +88,7 @@ def _boxes(model: Any) -> dict[str, Box]:
     """Smallest and largest (R, Z) of each named surface, mm."""
     found = {}
     for _, tag in model.getPhysicalGroups(2):
-        nodes = np.concatenate(
-            [
-                model.mesh.getNodes(2, surface, includeBoundary=True)[1].reshape(-1, 3)
-                for surface in model.getEntitiesForPhysicalGroup(2, tag)
-            ]
-        )[:, :2]
+        nodes = model.mesh.getNodesForPhysicalGroup(2, tag)[1].reshape(-1, 3)[:, :2]
         found[model.getPhysicalName(2, tag)] = np.array([nodes.min(axis=0), nodes.max(axis=0)])
     return found
 

@@ -43,6 +43,7 @@ from dolfinx import fem  # noqa: E402
 from dolfinx import mesh as _mesh  # noqa: E402
 
 from dealib.errors import PlatformError  # noqa: E402
+from dealib.patience import patience  # noqa: E402
 
 VERSION: str = dolfinx.__version__
 LEGACY = not hasattr(fem, "functionspace")  # Debian 12's 0.5.2: elements live in UFL, not in Basix
@@ -98,6 +99,7 @@ DIVERGED_NAN: int = next(
     if name in _reasons
 )
 
+_COMPILING = "compiling the equations of this kind of problem, which is done once"
 _JIT = "jit_params" if LEGACY else "jit_options"
 
 
@@ -157,7 +159,7 @@ def _jit(comm: Any) -> Iterator[dict[str, Any]]:
     options = {_JIT: {"cache_dir": str(folder), "timeout": 600}}
     logging.disable(logging.INFO)
     try:
-        with _locked(folder) if comm.rank == 0 else nullcontext():
+        with patience(_COMPILING), _locked(folder) if comm.rank == 0 else nullcontext():
             yield options
     except OSError as error:
         raise PlatformError(f"cannot compile into {folder}: {error.strerror or error}") from None

@@ -247,7 +247,7 @@ class SheetModel:
         flat = hessian.reshape(-1, *hessian.shape[2:])
         flat = wrinkles.condensed(slopes[..., :size].reshape(-1, size), flat)
         hessian = flat.reshape(hessian.shape)
-        slopes[~there.reshape(shape)] = np.nan
+        slopes[np.logical_not(there.reshape(shape))] = np.nan
         self._add_slack(area, energies, slopes, hessian)
         return [energies, slopes, hessian]
 
@@ -314,7 +314,7 @@ class SheetModel:
 
     def _hessian(self, i: int, j: int) -> Any:
         low, high = min(i, j), max(i, j)
-        pairs = list(zip(*self._pairs, strict=True))
+        pairs = [(int(a), int(b)) for a, b in zip(*self._pairs, strict=True)]
         return self._values[_FIRST + self._size + len(self._ports) + pairs.index((low, high))]
 
     def _varied(self, k: int, direction: Any) -> Any:

@@ -31,5 +31,7 @@ class Viscoelastic(BaseModel):
     """What a law gets besides its own parameters."""
 
     branches: tuple[Branch, ...] = Field(
-        (), description="Maxwell branches beside the law, which alone is left in the long run"
+        (),
+        max_length=30,
+        description="Maxwell branches beside the law, which alone is left in the long run",
     )

@@ -15,6 +15,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 INDICES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
 PLANE, FULL = 4, 6  # numbers of packed components
+_TWICE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # an off-diagonal one stands for two
 
 
 def identity(size: int = PLANE) -> Array:
@@ -53,7 +54,10 @@ def inverted(t: Any) -> Array:
     """Inverses."""
     if t.shape[-1] == PLANE:
         d = t[..., 0] * t[..., 1] - t[..., 3] ** 2
-        return np.stack([t[..., 1] / d, t[..., 0] / d, 1 / t[..., 2], -t[..., 3] / d], axis=-1)
+        out = np.empty(t.shape)
+        out[..., 0], out[..., 1] = t[..., 1] / d, t[..., 0] / d
+        out[..., 2], out[..., 3] = 1 / t[..., 2], -t[..., 3] / d
+        return out
     a, b, c, xy, xz, yz = np.moveaxis(t, -1, 0)
     cofactors = [b * c - yz**2, a * c - xz**2, a * b - xy**2]
     cofactors += [xz * yz - xy * c, xy * yz - xz * b, xy * xz - a * yz]
@@ -62,7 +66,7 @@ def inverted(t: Any) -> Array:
 
 def contract(a: Any, b: Any) -> Array:
     """tr(A B), shape (...)."""
-    return np.asarray((a[..., :3] * b[..., :3]).sum(-1) + 2 * (a[..., 3:] * b[..., 3:]).sum(-1))
+    return np.asarray((a * b) @ _TWICE[: a.shape[-1]])
 
 
 def isochoric(F: Any, size: int = PLANE) -> Array:
@@ -99,13 +103,14 @@ class Evolution(Protocol):
         """Dissipated power density over the modulus, times the relaxation time."""
 
 
-def _weights(k: Array) -> tuple[Array, Array, Array]:
+def weights(k: Array) -> tuple[Array, Array, Array]:
     """Decay over a step of k relaxation times, and the weights of a load at its start and end."""
     decay = np.exp(-k)
     mean = -np.expm1(-k) / k  # of the decay over the step
-    small = k < 1e-4
-    old = np.where(small, k / 2 - k**2 / 3 + k**3 / 8, mean - decay)
-    new = np.where(small, k / 2 - k**2 / 6 + k**3 / 24, 1 - mean)
+    old, new, small = mean - decay, 1 - mean, k < 1e-4
+    if small.any():  # differences of nearly equal numbers
+        old = np.where(small, k / 2 - k**2 / 3 + k**3 / 8, old)
+        new = np.where(small, k / 2 - k**2 / 6 + k**3 / 24, new)
     return decay, old, new
 
 
@@ -121,7 +126,7 @@ class Multiplicative:
     def step(self, C: Array, internal: Array, ratio: float) -> tuple[Array, Array]:
         """See `Evolution`."""
         rate = contract(C, inverted(internal)) / 3
-        decay, old, new = _weights(rate * ratio)
+        decay, old, new = weights(rate * ratio)
         return decay[..., None] * internal + (old / rate)[..., None] * C, new / rate
 
     def end(self, history: Array, weight: Array, C: Array) -> Array:
@@ -151,7 +156,7 @@ class Network:
 
     def step(self, C: Array, internal: Array, ratio: float) -> tuple[Array, Array]:
         """See `Evolution`."""
-        decay, old, new = _weights(np.full(C.shape[:-1], ratio))
+        decay, old, new = weights(np.full(C.shape[:-1], ratio))
         history = decay[..., None] * inverted(internal) + old[..., None] * inverted(C)
         return history, new
 

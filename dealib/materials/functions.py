@@ -22,6 +22,17 @@ def ln(x: Any) -> Any:
     return np.where(valid, np.log(np.where(valid, x, 1.0)), np.nan * x)
 
 
+def erf(x: Any) -> Any:
+    """Error function of a UFL expression or of real numbers."""
+    if hasattr(x, "ufl_shape"):
+        import ufl
+
+        return ufl.erf(x)
+    from scipy.special import erf
+
+    return erf(x)
+
+
 NEAR, TERMS = 0.05, 12  # the series is used up to x = 1 + NEAR; there it is exact to rounding
 
 

@@ -1,11 +1,13 @@
-"""Published materials, each with its source."""
+"""Materials by name: published ones, each with its source, and those of a user."""
 
 from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from ruamel.yaml import YAML
@@ -63,9 +65,16 @@ def _text(value: Any) -> str:
     return "[" + ", ".join(map(_text, value)) + "]" if isinstance(value, list) else str(value)
 
 
+OWN: ContextVar[Mapping[str, Entry]] = ContextVar("OWN", default=MappingProxyType({}))
+
+
 @functools.cache
-def library() -> dict[str, Entry]:
-    """All materials by name."""
+def _published() -> dict[str, Entry]:
     path = Path(__file__).with_name("published.yaml")
     found = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
     return {name: Entry(**entry) for name, entry in found.items()}
+
+
+def library() -> dict[str, Entry]:
+    """All materials by name; those in `OWN` before published ones of the same name."""
+    return {**_published(), **OWN.get()}

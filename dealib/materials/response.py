@@ -164,8 +164,10 @@ def stability_limit(law: Law, mode: str, largest: float = 10.0) -> float:
     found = value(stretches)
     lost = np.flatnonzero(found <= 0)
     locked = np.flatnonzero(~np.isfinite(found))
-    if len(lost) == 0 or (len(locked) and locked[0] < lost[0]):
+    if len(lost) == 0 or (len(locked) and locked[0] <= lost[0] + 1):  # next to it: differences
         return float("inf")
+    if lost[0] == 0:
+        return 1.0  # not even at rest
     return float(brentq(value, stretches[lost[0] - 1], stretches[lost[0]], xtol=1e-9))
 
 

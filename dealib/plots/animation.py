@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -13,50 +13,64 @@ import numpy.typing as npt
 
 from dealib.errors import ConfigError
 from dealib.files import whole
-from dealib.plots.contours import frame, magnification, paint, scale, scale_note
-from dealib.plots.labels import label
-from dealib.plots.quantities import Quantity
+from dealib.plots.contours import Painted, frame, magnification, paint, scale, scale_note
+from dealib.plots.curves import steady
+from dealib.plots.labels import label, plain
 from dealib.plots.shape import Shape
 from dealib.plots.style import Theme
+from dealib.results import stages
 from dealib.results.elements import Array
+from dealib.results.quantities import Quantity, quantity
 from dealib.results.reader import Run
+from dealib.results.summary import moment, under_voltage
+from dealib.units import neat
 
 FORMATS = (".mp4", ".gif")
-_HALF = 0.24  # height of a strip's panel, of the figure's width
 _SIZE, _DPI = (12.8, 7.2), 100  # 1280 x 720: H.264 wants even numbers
+_COLUMNS = ("displacement_mm", "force_N", "voltage_kV")
 Image = npt.NDArray[np.uint8]
 
 
-def frames(run: Run, what: Quantity, look: Theme, count: int) -> Iterator[Image]:
+def usual(run: Run) -> list[Quantity]:
+    """What to show if nothing is asked for: a stress, and the field of a run under voltage."""
+    names = ["S_RR", "E"] if under_voltage(run.history).any() else ["S_RR"]
+    return [quantity(name) for name in names]
+
+
+def frames(run: Run, whats: Sequence[Quantity], look: Theme, count: int) -> Iterator[Image]:
     """Pictures (height, width, 3) at equal distances in time; between steps it is linear.
 
     Raises:
         ConfigError: If fewer than two steps are stored.
     """
     steps = run.stored_steps
-    times = run.history.set_index("step").loc[steps, "time_s"].to_numpy()
     if len(steps) < 2:
         raise ConfigError(f"{run.directory}: an animation needs at least two stored steps")
+    rows = run.history.set_index("step", drop=False)
+    clock = stages.clock(run.config.program)
+    times = rows.loc[steps, clock].to_numpy(float)
     factor = magnification(Shape(run))
-    edges = Shape(run, n=2).strips.outline
 
     @lru_cache(maxsize=2)
-    def at(k: int) -> tuple[Array, Array, Array]:
+    def at(k: int) -> list[Array]:
         shape = Shape(run, steps[k], n=2)
-        return shape.moved(), shape.moved(factor), shape.strips(what.of(shape.arrays))
+        return [shape.moved(factor), *(shape.values(what) for what in whats)]
 
-    figure, strips, markers = _stage(run, what, look, factor)
+    figure, painted, markers, note = _scene(run, whats, look, factor, clock)
     for t in np.linspace(times[0], times[-1], count):
         k = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2))
         s = (t - times[k]) / (times[k + 1] - times[k])
-        now = [(1 - s) * a + s * b for a, b in zip(at(k), at(k + 1), strict=True)]
-        for (colours, rim), x in zip(strips, now[:2], strict=True):
-            grid = colours._triangulation
-            grid.x, grid.y = x[:, 0].copy(), x[:, 1].copy()
-            colours.set_array(now[2])
-            rim.set_segments(list(x[edges]))
-        for marker, values in markers:
-            marker.set_data([t], [np.interp(t, run.history["time_s"], values)])
+        x, *values = ((1 - s) * a + s * b for a, b in zip(at(k), at(k + 1), strict=True))
+        for part, now in zip(painted, values, strict=True):
+            part.move(x, now)
+        inputs = {c: float(np.interp(t, rows[clock], rows[c])) for c in _COLUMNS}
+        for column, marker in markers.items():
+            marker.set_data([t], [inputs[column]])
+        row = {"step": round(t), "time_s": t, "stage": rows["stage"][steps[k + (s > 0)]]}
+        told = [f"{neat(inputs[c], 3)} {c.rpartition('_')[2]}" for c in _COLUMNS]
+        when = moment(run, row) if clock == "step" else f"t = {t:.2f} s, {row['stage']}"
+        inputs_told = ",  ".join(told).replace("-", "−")
+        note.set_text(plain(f"{run.title}     {when}     {inputs_told}"))
         figure.canvas.draw()
         yield np.asarray(figure.canvas.buffer_rgba())[..., :3].copy()
 
@@ -69,46 +83,39 @@ def _typical(run: Run) -> list[int]:
     return sorted(some | {int(k) for k in rows.idxmax()})
 
 
-def _stage(run: Run, what: Quantity, look: Theme, factor: float) -> Any:
-    """The figure, the two painted strips, and the markers with their columns."""
+def _scene(
+    run: Run, whats: Sequence[Quantity], look: Theme, factor: float, clock: str
+) -> tuple[Any, list[Painted], dict[str, Any], Any]:
+    """The figure, the painted layers, the markers by column, and the line that tells the state."""
     shapes = [Shape(run, step, n=2) for step in _typical(run)]
-    values = [shape.strips(what.of(shape.arrays)) for shape in shapes]
-    norm, cmap, extend = scale(shapes[0], np.array(values), look, what)
+    moved = np.concatenate([shape.moved(factor) for shape in shapes])
+    low, high = moved.min(axis=0), moved.max(axis=0)
     figure = plt.figure(figsize=_SIZE, dpi=_DPI, layout="constrained")
-    width, height = np.ptp(np.concatenate([shape.moved() for shape in shapes]), axis=0)
-    share = np.clip(_HALF * width / height, 0.35, 0.6)  # the strips need no more
-    grid = figure.add_gridspec(6, 2, width_ratios=(share, 1 - share))
-    strips = []
-    for rows, magnified in ((slice(0, 3), 1.0), (slice(3, 6), factor)):
-        axis = figure.add_subplot(grid[rows, 0])
-        moved = np.concatenate([shape.moved(magnified) for shape in shapes])
-        strips.append(paint(axis, shapes[0], shapes[0].moved(magnified), values[0], norm, cmap))
-        axis.set_title(scale_note(magnified), loc="left")
+    halves: Any = figure.subfigures(1, 2, width_ratios=(1.15, 1))
+    left, right = halves
+    painted = []
+    for axis, what in zip(left.subplots(len(whats), 1, squeeze=False)[:, 0], whats, strict=True):
+        values = [shape.values(what) for shape in shapes]
+        colours = scale(shapes[0], np.array(values), look, what)
+        painted.append(paint(axis, shapes[0], shapes[0].moved(factor), values[0], colours, look))
+        axis.set_title(scale_note(factor), loc="left")
         frame(axis)
         axis.set_adjustable("box")
-        pad = 0.06 * np.ptp(moved[:, 1]) + 0.05
-        axis.set_xlim(moved[:, 0].min() - 0.1, moved[:, 0].max() + 0.1)
-        axis.set_ylim(moved[:, 1].min() - pad, moved[:, 1].max() + pad)
-    figure.colorbar(
-        strips[0][0], ax=figure.axes, location="left", extend=extend, label=what.title, aspect=40
-    )
-    markers = []
-    history = run.history
-    columns = ("displacement_mm", "force_N", "voltage_kV")
-    for k, column in enumerate(columns):
-        axis = figure.add_subplot(grid[2 * k : 2 * k + 2, 1])
-        axis.plot(history["time_s"], history[column], color=f"C{k}")
-        markers.append((axis.plot([], [], "o", color=look.ink, ms=7)[0], history[column]))
+        pad = 0.04 * (high - low)
+        axis.set(xlim=(low[0] - pad[0], high[0] + pad[0]), ylim=(low[1] - pad[1], high[1] + pad[1]))
+        colours.bar(left, what.title, ax=axis)
+    markers, history = {}, run.history
+    axes = right.subplots(len(_COLUMNS), 1, sharex=True)
+    for k, (axis, column) in enumerate(zip(axes, _COLUMNS, strict=True)):
+        axis.plot(history[clock], history[column], color=f"C{k}")
+        markers[column] = axis.plot([], [], "o", color=look.ink, ms=7)[0]
         axis.set_ylabel(label(column))
-        low, high = history[column].min(), history[column].max()
-        if high - low < 1e-6 * max(abs(low), abs(high)) or high == low:
-            axis.set_ylim(low - 0.05 * abs(low) - 1e-3, high + 0.05 * abs(high) + 1e-3)
-        axis.tick_params(labelbottom=k == len(columns) - 1)
-    axis.set_xlabel(label("time_s"))
-    figure.suptitle(str(run.info["name"]), fontsize="medium")
+    steady(*axes)
+    axes[-1].set_xlabel(label(clock))
+    note = figure.suptitle(" ", fontsize="large", fontfamily="monospace")
     figure.canvas.draw()
     figure.set_layout_engine("none")  # the panels stay where they are
-    return figure, strips, markers
+    return figure, painted, markers, note
 
 
 def write(images: Iterator[Image], path: Path, rate: int) -> None:

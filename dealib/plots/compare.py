@@ -10,8 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from dealib.data.compare import Comparison
-from dealib.plots.labels import label, split
+from dealib.plots.data import thinned
+from dealib.plots.labels import label, plain, split
 from dealib.plots.style import save, theme
+
+_CURVES = 50  # branches whose computed curve is drawn
 
 
 def draw_comparison(
@@ -37,19 +40,25 @@ def draw_comparison(
         for k, c in enumerate(comparisons):
             above, below = axes[:, k]
             unit = split(c.y_name)[1]
+            few = thinned(c.measured)
+            above.plot(
+                c.x[few], c.measured[few], "o", ms=3.5, mfc="none", color="C1", label="measured"
+            )
+            for number, curve in enumerate(c.curves[:_CURVES]):
+                above.plot(*curve, color="C0", label=None if number else "computed")
             if history is not None:
                 x, y = np.asarray(history[c.x_name]), np.asarray(history[c.y_name])
+                # what is compared fills the picture
+                above.set(xlim=above.get_xlim(), ylim=above.get_ylim())
                 above.plot(x, y, color="C0", lw=0.8, alpha=0.4, label="whole run")
-            above.plot(c.x, c.measured, "o", ms=3.5, mfc="none", color="C1", label="measured")
-            for number, curve in enumerate(c.curves):
-                above.plot(*curve, color="C0", label=None if number else "computed")
             below.axhline(0, color="C1", lw=0.8)
-            below.plot(c.x, c.computed - c.measured, ".", ms=4, color="C0")
+            below.plot(c.x[few], (c.computed - c.measured)[few], ".", ms=4, color="C0")
             note = f"RMSE {c.rmse:.3g} {unit}".rstrip() + f", R² {c.r2:.5f}"
-            above.set_title("\n".join(t for t in (titles[k] if titles else "", note) if t))
+            title = "\n".join(t for t in (plain(titles[k]) if titles else "", note) if t)
+            above.set_title(title)
             above.set(ylabel=label(c.y_name))
             difference = "computed −\nmeasured" + (f" ({unit})" if unit else "")
             below.set(xlabel=label(c.x_name), ylabel=difference)
-            above.legend()
+            above.legend(loc="best" if len(c.x) < 1000 else "upper right")  # best is slow
         figure.align_ylabels(axes)
         save(figure, picture)

@@ -7,13 +7,13 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.lines import Line2D
 
 from dealib.errors import ConfigError, did_you_mean
 from dealib.plots import limits
 from dealib.plots.branches import draw_history, key
-from dealib.plots.labels import kind, label, split
+from dealib.plots.labels import kind, label, plain, split
 from dealib.plots.style import DASHES
+from dealib.results import stages
 from dealib.results.reader import Run
 from dealib.results.summary import MARGINS
 
@@ -24,56 +24,57 @@ def overview(runs: Sequence[Run]) -> Any:
     """Force-displacement, the inputs in time, capacitance and field: a 2 x 2 figure."""
     figure, axes = plt.subplots(2, 2, figsize=(10.5, 7.2), layout="constrained")
     (force, time), (capacitance, last) = axes
-    voltage = _panel_beside(time)
-    axes_of_last = ("voltage_kV", "field_max_MV_per_m")
-    if not any(run.history["voltage_kV"].any() for run in runs):
-        axes_of_last = ("displacement_mm", "thickness_stretch_min")
+    voltage, clock = _panel_beside(time), clock_of(runs)
+    under_voltage = any(run.history["voltage_kV"].any() for run in runs)
+    panels = (
+        (force, "displacement_mm", "force_N"),
+        (capacitance, "displacement_mm", "capacitance_pF"),
+        (last, "voltage_kV", "field_max_MV_per_m")
+        if under_voltage
+        else (last, "displacement_mm", "thickness_stretch_min"),
+    )
     for k, run in enumerate(runs):
-        h = run.history
+        h, name = run.history, "; ".join([names(runs)[k], *limits.told(run)])
         dash = {"color": f"C{k}", "ls": DASHES[k % len(DASHES)]}
-        style = dash | {"marker": ".", "ms": 4}
-        draw_history(force, h, "displacement_mm", "force_N", label=names(runs)[k], **style)
-        draw_history(time, h, "time_s", "displacement_mm", **dash)
+        for axis, x, y in panels:
+            draw_history(axis, h, x, y, label=name, marker=".", ms=4, **dash)
+            limits.mark(axis, run, x, y)
+        draw_history(time, h, clock, "displacement_mm", **dash)
         if len(runs) == 1:
             force_axis = time.twinx()
-            draw_history(force_axis, h, "time_s", "force_N", color="C1", ls="-.")
+            draw_history(force_axis, h, clock, "force_N", color="C1", ls="-.")
             _colour(time, "left", "C0")
             _colour(force_axis, "right", "C1")
             force_axis.set_ylabel(label("force_N"))
-            _steady(force_axis)
-        if len(runs) == 1:
+            steady(force_axis)
             dash["color"] = "C2"
-        draw_history(voltage, h, "time_s", "voltage_kV", **dash)
-        draw_history(capacitance, h, "displacement_mm", "capacitance_pF", **style)
-        draw_history(last, h, axes_of_last[0], axes_of_last[1], **style)
-        for axis, x, y in (
-            (force, "displacement_mm", "force_N"),
-            (capacitance, "displacement_mm", "capacitance_pF"),
-            (last, *axes_of_last),
-        ):
-            limits.mark(axis, run, x, y)
-    force.set(xlabel=label("displacement_mm"), ylabel=label("force_N"))
+        draw_history(voltage, h, clock, "voltage_kV", **dash)
+    for axis, x, y in panels:
+        axis.set(xlabel=label(x), ylabel=label(y))
     time.set_ylabel(label("displacement_mm"))
     time.tick_params(labelbottom=False)
-    voltage.set(xlabel=label("time_s"), ylabel=label("voltage_kV"))
+    voltage.set(xlabel=label(clock), ylabel=label("voltage_kV"))
     voltage.margins(y=0.15)  # a low panel
-    capacitance.set(xlabel=label("displacement_mm"), ylabel=label("capacitance_pF"))
-    last.set(xlabel=label(axes_of_last[0]), ylabel=label(axes_of_last[1]))
-    _steady(force, capacitance, time, voltage, last)
-    _key(figure, runs, ("", "", axes_of_last[1]))
-    if len(runs) > 1:
-        figure.legend(loc="outside upper center", ncols=min(len(runs), 4))
-    else:
-        figure.suptitle(names(runs)[0])
+    steady(force, capacitance, time, voltage, last)
+    _keys(figure, runs, [y for _, _, y in panels], force.get_legend_handles_labels()[0])
     return figure
 
 
-def curves(runs: Sequence[Run], x: str, ys: Sequence[str]) -> Any:
+def clock_of(runs: Sequence[Run]) -> str:
+    """Column that orders the states of all runs: `time_s`, or `step` if one follows a branch."""
+    clocks = {stages.clock(run.config.program) for run in runs}
+    return "step" if "step" in clocks else "time_s"
+
+
+def curves(runs: Sequence[Run], x: str | None, ys: Sequence[str]) -> Any:
     """Any columns against another: one panel a unit, runs by colour, columns by dashes.
+
+    Without x it is time, or the step where a run follows a branch.
 
     Raises:
         ConfigError: If a run has no such column.
     """
+    x = x or clock_of(runs)
     for run in runs:
         for column in (x, *ys):
             check_column(run, column)
@@ -82,7 +83,8 @@ def curves(runs: Sequence[Run], x: str, ys: Sequence[str]) -> Any:
         name, unit = split(column)
         panels.setdefault(unit or name, []).append(column)
     figure, axes = plt.subplots(
-        len(panels), 1, figsize=(7, 2 + 2.6 * len(panels)), sharex=True, squeeze=False,
+        len(panels), 1, figsize=(8.5 if len(ys) > len(panels) else 7, 2 + 2.6 * len(panels)),
+        sharex=True, squeeze=False,
         layout="constrained",
     )  # fmt: skip
     titles = names(runs)
@@ -90,7 +92,7 @@ def curves(runs: Sequence[Run], x: str, ys: Sequence[str]) -> Any:
         for k, (run, title) in enumerate(zip(runs, titles, strict=True)):
             for n, column in enumerate(columns):
                 several = [title] if len(runs) > 1 else []
-                several += [split(column)[0]] if len(columns) > 1 else []
+                several += [split(column)[0]] if len(columns) > 1 else limits.told(run)
                 draw_history(
                     axis,
                     run.history,
@@ -100,20 +102,21 @@ def curves(runs: Sequence[Run], x: str, ys: Sequence[str]) -> Any:
                     ls=DASHES[(k + n) % len(DASHES)],
                     marker=".",
                     ms=4,
-                    label=", ".join(several),
+                    label="; ".join(several),
                 )
                 limits.mark(axis, run, x, column)
         unit = split(columns[0])[1]
         axis.set_ylabel(label(columns[0]) if len(columns) == 1 else kind(unit))
-        _steady(axis)
+        steady(axis)
         if all(column in MARGINS for column in columns):
-            limits.limit(axis)
-        if len(columns) > 1 or (len(runs) > 1 and axis is axes[0, 0]):
-            axis.legend()
-    axes[-1, 0].set_xlabel(label(x))
-    _key(figure, runs, ys)
-    if len(runs) == 1:
-        figure.suptitle(titles[0])
+            limits.limit(axis, columns)
+        if len(columns) > 1:
+            axis.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+    followed = x == "time_s" and clock_of(runs) == "step"
+    time = "Time, along a branch the length of its path (s)"
+    axes[-1, 0].set_xlabel(time if followed else label(x))
+    single = len(runs) > 1 and max(map(len, panels.values())) == 1
+    _keys(figure, runs, ys, axes[0, 0].get_legend_handles_labels()[0] if single else [])
     return figure
 
 
@@ -128,14 +131,9 @@ def check_column(run: Run, column: str) -> None:
 
 
 def names(runs: Sequence[Run]) -> list[str]:
-    """Names that tell runs apart: of the config, else of the directory."""
-    given = [str(run.info["name"]) for run in runs]
-    if len(set(given)) == len(given):
-        return given
-    directories = [run.directory.resolve().name for run in runs]
-    if len(set(directories)) == len(directories):
-        return directories
-    return [str(run.directory) for run in runs]
+    """Names that tell runs apart: their titles, else their paths."""
+    given = [plain(run.title) for run in runs]
+    return given if len(set(given)) == len(given) else [plain(run.directory) for run in runs]
 
 
 def _panel_beside(axis: Any) -> Any:
@@ -156,17 +154,28 @@ def _colour(axis: Any, side: str, colour: str) -> None:
         axis.grid(False)
 
 
-def _key(figure: Any, runs: Sequence[Run], columns: Sequence[str]) -> None:
-    """Say what bands, dashes and marks mean, where there are some."""
+def _keys(figure: Any, runs: Sequence[Run], columns: Sequence[str], curves: Sequence[Any]) -> None:
+    """Say above what the curves are and which limits are not kept, below what marks mean."""
+    bands = limits.key(runs, columns)
+    above = [*curves, *bands] if len(runs) > 1 else bands
+    title = names(runs)[0] if len(runs) == 1 else None
+    if above:
+        legend = figure.legend(
+            handles=above, title=title, title_fontsize="large", loc="outside upper center",
+            ncols=1 if bands else min(len(above), 4),
+        )  # fmt: skip
+        for text, handle in zip(legend.get_texts(), above, strict=True):
+            if handle in bands:
+                text.set(color=handle.get_color(), weight="bold")
+    elif title:
+        figure.suptitle(title)
     colour = "C0" if len(runs) == 1 else plt.rcParams["text.color"]
-    handles = key([run.history for run in runs], colour)
-    if any(limits.beyond(run.history, column).any() for run in runs for column in columns):
-        handles.append(Line2D([], [], label="beyond a limit", **limits.BAND))
-    if handles:
-        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+    marks = key([run.history for run in runs], colour)
+    if marks:
+        figure.legend(handles=marks, loc="outside lower center", ncols=len(marks))
 
 
-def _steady(*axes: Any) -> None:
+def steady(*axes: Any) -> None:
     """Do not blow rounding up to the size of the panel where a value does not change."""
     for axis in axes:
         for ends, limit in (

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from dealib.results.summary import MARGINS
+
 # SI prefix and unit; '_per_' divides: field_max_MV_per_m
 _UNIT = r"[fpnumkMG]?(?:m|s|g|N|V|C|F|J|W|A|Pa|Hz|ohm)"
 _SUFFIX = re.compile(rf"(?P<name>\w+?)_(?P<unit>{_UNIT}(?:_per_{_UNIT}2?)?)")
@@ -19,19 +21,22 @@ _NAMES = {
     "terminal_work": "Work at the terminal",
     "energy_residual": "Energy balance residual",
     "tension_min": "Smallest tension, thickness average",
-    "breakdown_use": "Breakdown: use",
-    "wrinkling_use": "Wrinkling: use",
-    "pull_in_use": "Pull-in: use",
-    "stability_use": "Material stability: use",
-    "stretch_use": "Stretch: use",
     "rc_time": "Slowest time constant of the electrodes",
-    "locking_use": "Locking: use",
-}
+} | {column: f"{name.capitalize()}: use" for column, (name, *_) in MARGINS.items()}
 
 _KINDS = {
     "mm": "Length", "N": "Force", "kV": "Voltage", "µC": "Charge", "pF": "Capacitance",
     "mJ": "Energy", "mW": "Power", "MV/m": "Field", "MPa": "Stress", "s": "Time",
 }  # fmt: skip
+
+
+def plain(text: object) -> str:
+    """A text of a user, or with one in it, as it stands: no mathtext, and never left out of a key.
+
+    All of them go through here on their way into a picture.
+    """
+    said = str(text).replace("$", r"\$")
+    return f" {said}" if said.startswith("_") else said  # which Matplotlib would leave out
 
 
 def kind(unit: str) -> str:

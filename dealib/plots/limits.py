@@ -2,59 +2,88 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.lines import Line2D
 
+from dealib.plots.labels import label
+from dealib.results import stages
 from dealib.results.reader import Run
-from dealib.results.summary import MARGINS
+from dealib.results.summary import GIVEN, MARGINS, VERDICTS, alarms
 
 if TYPE_CHECKING:
     import matplotlib.axes
     import pandas
 
-BEYOND = "#d1242f"  # on light and dark paper
-BAND: dict[str, Any] = {"color": BEYOND, "alpha": 0.35, "lw": 7, "zorder": 1.5}
+BEYOND = dict(zip(VERDICTS, ("#d1242f", "#e08700"), strict=True))
+_BAND: dict[str, Any] = {"alpha": 0.4, "lw": 7, "zorder": 1.5}
 
 
-def beyond(history: pandas.DataFrame, column: str = "") -> Any:
-    """Whether a margin is used up, one value a row: that of a column, else any of them."""
+def beyond(history: pandas.DataFrame, verdict: str, column: str = "") -> Any:
+    """Whether a margin is used up, one value a row.
+
+    Args:
+        history: The history.
+        verdict: Of `VERDICTS`: limits of the config, or of the film itself.
+        column: Of this margin alone, if it is one.
+    """
     uses = [column] if column in MARGINS else [c for c in MARGINS if c in history]
+    uses = [c for c in uses if (c in GIVEN) == (verdict == VERDICTS[0])]
     return (history[uses] > 1 + 1e-9).any(axis=1).to_numpy()
 
 
-def mark(axis: matplotlib.axes.Axes, run: Run, x: str, y: str) -> bool:
-    """Draw a red band behind the part of a curve that lies beyond a limit.
-
-    Returns:
-        Whether anything lies there.
-    """
-    there = beyond(run.history, y)
-    if there.any():
+def mark(axis: matplotlib.axes.Axes, run: Run, x: str, y: str) -> None:
+    """Draw a band behind the part of a curve that lies beyond a limit."""
+    for verdict, colour in reversed(BEYOND.items()):
+        there = beyond(run.history, verdict, y)
+        if not there.any():
+            continue
         alone = there & ~np.append(False, there[:-1]) & ~np.append(there[1:], False)
-        dots = {"marker": "o", "ms": 7, "mew": 0, "markevery": np.flatnonzero(alone).tolist()}
-        axis.plot(run.history[x], np.where(there, run.history[y], np.nan), **BAND, **dots)
-    return bool(there.any())
+        dots: dict[str, Any] = {
+            "marker": "o",
+            "ms": 7,
+            "mew": 0,
+            "markevery": np.flatnonzero(alone).tolist(),
+        }
+        values = np.where(there, run.history[y], np.nan)
+        axis.plot(run.history[x], values, color=colour, **_BAND, **dots)
 
 
-def limit(axis: matplotlib.axes.Axes) -> None:
+def told(run: Run) -> list[str]:
+    """What of a run is beyond a limit: 'limit exceeded: breakdown 1.630', 'beyond: ...'."""
+    return [f"{verdict}: {text}" for verdict, text in alarms(run).items()]
+
+
+def key(runs: Sequence[Run], columns: Sequence[str]) -> list[Line2D]:
+    """Legend entries for what `mark` marks; of a single run with the largest values."""
+    found = []
+    for verdict, colour in BEYOND.items():
+        if any(beyond(r.history, verdict, c).any() for r in runs for c in columns):
+            text = f"{verdict}: {alarms(runs[0])[verdict]}" if len(runs) == 1 else verdict
+            found.append(Line2D([], [], color=colour, label=f"{text} (1 is the limit)", **_BAND))
+    return found
+
+
+def limit(axis: matplotlib.axes.Axes, columns: Sequence[str]) -> None:
     """The limit of utilisations, and what is beyond it."""
+    colour = BEYOND[VERDICTS[not set(columns) & set(GIVEN)]]
     top = max(axis.get_ylim()[1], 1.15)
     axis.set_ylim(top=top)
-    axis.axhline(1, color=BEYOND, lw=1)
-    axis.axhspan(1, top, color=BEYOND, alpha=0.08, lw=0)
+    axis.axhline(1, color=colour, lw=1)
+    axis.axhspan(1, top, color=colour, alpha=0.08, lw=0)
 
 
 def uses(run: Run) -> Any:
     """The use of each limit in time."""
-    import matplotlib.pyplot as plt
-
-    h = run.history
+    h, clock = run.history, stages.clock(run.config.program)
     figure, axis = plt.subplots(figsize=(7, 3.2), layout="constrained")
-    for column, (name, _) in MARGINS.items():
-        if column in h:
-            axis.plot(h["time_s"], h[column], label=name)
-    limit(axis)
-    axis.set(xlabel="Time (s)", ylabel="Use (1 is the limit)")
+    columns = [c for c in MARGINS if c in h]
+    for column in columns:
+        axis.plot(h[clock], h[column], label=MARGINS[column][0])
+    limit(axis, columns)
+    axis.set(xlabel=label(clock), ylabel="Use (1 is the limit)")
     figure.legend(loc="outside upper center", ncols=5)
     return figure

@@ -6,46 +6,38 @@ One SVG serves light and dark pages: text and axes take the colour of the text a
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 from typing import Any
 
 import matplotlib.pyplot as plt
+import numpy as np
 from cycler import cycler
 from matplotlib.collections import PolyCollection
 
-from dealib.plots.strips import draw_contour, draw_shapes
+from dealib.plots import contours
+from dealib.plots.labels import plain
+from dealib.plots.shape import Shape
+from dealib.plots.style import LIGHT, theme
+from dealib.results.quantities import quantity
 from dealib.study.evaluate import Curve, Results
 from dealib.study.schema import Axis, Contour, Curves, Points, Reference, Shapes
 
-INK, REFERENCE = "#24292f", "#7d8590"
+REFERENCE = "#7d8590"
 # after Okabe and Ito, told apart by colour-blind readers, on light and dark paper
 COLOURS = ("#2b83ba", "#d55e00", "#009e73", "#c2649c", "#b8860b", "#7570b3", "#56b4e9", "#8c564b")
 _MARKS = "osD^vP*X"
 _WIDTH, _HEIGHT = 4.6, 3.5  # inches of a panel
-_SETTINGS: dict[Any, Any] = {
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": INK,
-    "xtick.color": INK,
-    "ytick.color": INK,
+_SETTINGS: dict[Any, Any] = {  # on top of the light theme
     "axes.facecolor": "none",
     "figure.facecolor": "none",
     "grid.color": "#8b949e",
     "grid.alpha": 0.25,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.linewidth": 0.8,
     "axes.prop_cycle": cycler(color=COLOURS),
-    "axes.titlesize": "medium",
     "axes.formatter.limits": (-3, 4),
     "axes.formatter.use_mathtext": True,
-    "lines.linewidth": 1.6,
-    "legend.frameon": False,
     "legend.fontsize": "small",
     "font.size": 9.5,
     "svg.fonttype": "none",  # text stays text
-    "font.family": "sans-serif",
 }
 
 
@@ -62,17 +54,14 @@ def draw(results: Results) -> tuple[str, bytes] | None:
     study = results.study
     if not study.panels:
         return None
-    with plt.rc_context({**_SETTINGS, "svg.hashsalt": study.name}):
+    with theme(), plt.rc_context({**_SETTINGS, "svg.hashsalt": study.name}):
         figure = plt.figure(layout="constrained", figsize=(1, 1))
-        try:
-            _fill(figure, results)
-            text, picture = io.StringIO(), io.BytesIO()
-            figure.savefig(text, format="svg", dpi=180, metadata={"Date": None, "Creator": None})
-            figure.savefig(picture, format="png", dpi=150, facecolor="white")
-        finally:
-            plt.close(figure)
+        _fill(figure, results)
+        text, picture = io.StringIO(), io.BytesIO()
+        figure.savefig(text, format="svg", dpi=180, metadata={"Date": None, "Creator": None})
+        figure.savefig(picture, format="png", dpi=150, facecolor="white")
     svg = text.getvalue()
-    svg = svg[svg.index("<svg") :].replace(INK, "currentColor")
+    svg = svg[svg.index("<svg") :].replace(LIGHT.ink, "currentColor")
     return svg, picture.getvalue()
 
 
@@ -87,7 +76,7 @@ def _fill(figure: Any, results: Results) -> None:
         else:
             rows.append([i])
     heights = [
-        {Contour: 3.9, Shapes: 3.6}.get(type(results.study.panels[row[0]]), _HEIGHT) for row in rows
+        {Contour: 5.8, Shapes: 3.6}.get(type(results.study.panels[row[0]]), _HEIGHT) for row in rows
     ]
     most = max(len(row) for row in rows)
     any_wide = any(isinstance(p, wide) for p in results.study.panels)
@@ -103,24 +92,45 @@ def _fill(figure: Any, results: Results) -> None:
         axes = part.subplots(1, len(row), squeeze=False)[0]
         for axis, i in zip(axes, row, strict=True):
             _lines(axis, results, i)
+        _legend(part, axes)
 
 
 def _fields(part: Any, results: Results, index: int) -> None:
     panel = results.study.panels[index]
     outcome = results.chosen(index)
-    title = panel.title or results.study.title
     if outcome is None:
-        part.text(0.5, 0.5, f"{title}: the case has not converged", ha="center")
+        name = panel.title or results.study.title
+        part.text(0.5, 0.5, plain(f"{name}: the case has not converged"), ha="center")
         return
+    assert outcome.run is not None
+    assert isinstance(panel, (Contour, Shapes))
     try:
         if isinstance(panel, Contour):
-            draw_contour(part, outcome, panel)
+            name = plain(panel.label)
+            what = replace(quantity(panel.field), label=name, unit="", factor=panel.factor)
+            shape = Shape(outcome.run, outcome.step(panel.stage))
+            contours.fill(part, shape, what, LIGHT, panel.limits, panel.zoom)
         else:
-            assert isinstance(panel, Shapes)
-            draw_shapes(part, outcome, panel, COLOURS)
+            _shapes(part.subplots(), [Shape(outcome.run, outcome.nearest(t)) for t in panel.times])
     except ValueError as error:
         raise results.plan.fault(("panels", index), str(error)) from None
-    part.suptitle(title, fontsize="medium")
+    if panel.title:
+        part.suptitle(plain(panel.title), fontsize="medium")
+
+
+def _shapes(axis: Any, shapes: list[Shape]) -> None:
+    """The layers at several steps, true to scale."""
+    for i, shape in enumerate(shapes):
+        _, low, high = shape.faces
+        row, colour = shape.row, COLOURS[i % len(COLOURS)]
+        label = f"{row['time_s']:g} s: {row['displacement_mm']:.2f} mm"
+        if row["voltage_kV"]:
+            label += f", {row['voltage_kV']:.3g} kV"
+        rim = np.concatenate([low, high[::-1]])
+        axis.fill(rim[:, 0], rim[:, 1], fc=colour, ec=colour, lw=0.6, label=label)
+    axis.set(xlabel="r (mm)", ylabel="z (mm)")
+    axis.set_aspect("equal")
+    axis.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
 
 
 def _lines(axis: Any, results: Results, index: int) -> None:
@@ -132,15 +142,32 @@ def _lines(axis: Any, results: Results, index: int) -> None:
     for reference in panel.references:
         _reference(axis, reference)
     axis.margins(x=0.04, y=0.06)
+    axis.set(xlabel=plain(panel.x.label), ylabel=plain(panel.y.label), title=plain(panel.title))
+    axis.set(xscale=panel.x.scale, yscale=panel.y.scale)
     _limits(axis, panel.x, panel.y)
-    axis.set(xlabel=panel.x.label, ylabel=panel.y.label, title=panel.title)
-    named = [c for c in curves if c.label]
-    if len(named) + len(panel.references) > 1 or panel.references:
+
+
+def _legend(part: Any, axes: Any) -> None:
+    """One legend below the panels of a row, or, if they differ, one in each."""
+    by_panel = [dict(zip(*axis.get_legend_handles_labels()[::-1], strict=True)) for axis in axes]
+    looks = [{n: (h.get_color(), h.get_linestyle(), h.get_marker()) for n, h in found.items()}
+             for found in by_panel]  # fmt: skip
+    every = {name: handle for found in by_panel for name, handle in found.items()}
+    if len(every) < 2:
+        return
+    if all(look[n] == other[n] for look in looks for other in looks for n in look.keys() & other):
+        columns = max(1, min(len(every), int(90 / (6 + max(map(len, every))))))
+        part.legend(every.values(), every.keys(), loc="outside lower center", ncols=columns)
+        return
+    for axis in axes:
         axis.legend(loc="best")
 
 
 def _line(axis: Any, curve: Curve, index: int, points: bool, count: int) -> None:
-    style: dict[str, Any] = {"color": COLOURS[index % len(COLOURS)], "label": curve.label or None}
+    style: dict[str, Any] = {
+        "color": COLOURS[index % len(COLOURS)],
+        "label": plain(curve.label) or None,
+    }
     if points:
         style |= {"marker": _MARKS[index % len(_MARKS)], "ms": 5}
     elif count > 3 and index >= (count + 1) // 2:
@@ -150,7 +177,7 @@ def _line(axis: Any, curve: Curve, index: int, points: bool, count: int) -> None
 
 def _reference(axis: Any, reference: Reference) -> None:
     style = {"ls": ":", "lw": 1.8} if reference.style == "line" else {"ls": "", "marker": "x"}
-    axis.plot(reference.x, reference.y, color=REFERENCE, label=reference.label, **style)
+    axis.plot(reference.x, reference.y, color=REFERENCE, label=plain(reference.label), **style)
 
 
 def _limits(axis: Any, x: Axis, y: Axis) -> None:
@@ -177,3 +204,6 @@ def _limits(axis: Any, x: Axis, y: Axis) -> None:
     window = PolyCollection([corners], fc=(REFERENCE, 0.1), ec=REFERENCE, ls=[dashes], lw=0.8)
     window.set_zorder(0)
     axis.add_collection(window, autolim=False)
+    for ends, invert in zip(given, (axis.invert_xaxis, axis.invert_yaxis), strict=True):
+        if ends and ends[0] > ends[1]:
+            invert()

@@ -7,47 +7,25 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from dealib.geometry import names
-from dealib.plots.quantities import NOISE, SURFACE_CHARGE, Quantity
+from dealib.geometry.names import FILM
+from dealib.plots.labels import plain
 from dealib.plots.shape import Shape
 from dealib.results.elements import Array
-
-
-def surface_charge(shape: Shape, face: str) -> tuple[Array, Array]:
-    """Charge density on the electrode at a face of the film (thesis, Fig. 29).
-
-    Args:
-        shape: The step.
-        face: `names.FILM_TOP` or `names.FILM_BOTTOM`.
-
-    Returns:
-        Radii in the mesh configuration (mm) and D.n per deformed area (uC/mm^2 = C/m^2), n
-        pointing out of the electrode: Gauss's law at a conductor.
-    """
-    nodes, R = shape.face(face)
-    x = shape.mesh.points[nodes] + shape.state[nodes, :2]
-    along = np.gradient(x, R, axis=0, edge_order=2)
-    normal = np.stack([-along[:, 1], along[:, 0]], axis=1)  # points up, out of the film's top
-    normal /= np.linalg.norm(normal, axis=1)[:, None]
-    into_film = -1.0 if face == names.FILM_TOP else 1.0
-    D = shape.arrays["D"][nodes, :2]
-    return R, into_film * np.einsum("ni,ni->n", np.where(np.abs(D) < NOISE, 0.0, D), normal)
+from dealib.results.quantities import SURFACE_CHARGE, Quantity
+from dealib.results.sampling import Strip
 
 
 def lines(shape: Shape, what: Quantity) -> dict[str, tuple[Array, Array]]:
-    """Radii (mm) and values of a quantity along the film, by line."""
-    faces = {"top face": names.FILM_TOP, "bottom face": names.FILM_BOTTOM}
+    """Radii on the mesh (mm) and values of a quantity along the film, by line."""
+    film = Strip(shape.mesh, FILM)
     if what is SURFACE_CHARGE:
-        found = {f"electrode at the {k}": surface_charge(shape, f) for k, f in faces.items()}
-        return {k: (R, what.factor * v) for k, (R, v) in found.items()}
-    nodal = what.of(shape.arrays)
-    by_face = {k: shape.face(f) for k, f in faces.items()}
-    R = by_face["top face"][1]
-    return {
-        "top face": (R, nodal[by_face["top face"][0]]),
-        "middle": (R, shape.along_middle(nodal)),
-        "bottom face": (by_face["bottom face"][1], nodal[by_face["bottom face"][0]]),
-    }
+        charge = {f"electrode at the {name} face": film.charge(shape.arrays, side)
+                  for name, side in (("top", 1), ("bottom", -1))}  # fmt: skip
+        return {name: (R, what.factor * density) for name, (R, density) in charge.items()}
+    nodal, s = what.of(shape.arrays), film.positions
+    R = film.start + s * film.length
+    heights = {"top face": 1.0, "middle": 0.5, "bottom face": 0.0}
+    return {name: (R, film.at(nodal, s, t)) for name, t in heights.items()}
 
 
 def draw_profiles(shape: Shape, quantities: list[Quantity]) -> Any:
@@ -56,9 +34,9 @@ def draw_profiles(shape: Shape, quantities: list[Quantity]) -> Any:
         len(quantities), 3, figsize=(11, 1.2 + 2.7 * len(quantities)), squeeze=False,
         width_ratios=(2, 1, 1), layout="constrained",
     )  # fmt: skip
-    g = shape.geometry
-    a, b = g.inner_radius, g.outer_radius
-    near = min(6 * g.film_thickness, (b - a) / 4)
+    film = Strip(shape.mesh, FILM)
+    a, b = film.start, film.start + film.length
+    near = min(4 * shape.thickness, film.length / 4)
     for row, what in zip(axes, quantities, strict=True):
         found = lines(shape, what)
         everything = np.concatenate([v for _, v in found.values()])
@@ -78,5 +56,5 @@ def draw_profiles(shape: Shape, quantities: list[Quantity]) -> Any:
         axis.set_title(title, loc="left")
     for axis in axes[-1]:
         axis.set_xlabel("Radius at rest R (mm)")
-    figure.suptitle(f"{shape.run.info['name']}, {shape.when}", fontsize="medium")
+    figure.suptitle(plain(f"{shape.run.title}, {shape.when}"), fontsize="medium")
     return figure

@@ -7,6 +7,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
+from dealib.plots.labels import plain
 from dealib.results.sensing import CapacitanceMap
 
 
@@ -22,5 +23,5 @@ def draw(found: CapacitanceMap, title: str) -> Any:
     values.set(xlabel="Displacement (mm)", ylabel="Capacitance (pF)")
     slopes.set(xlabel="Displacement (mm)", ylabel="Sensitivity dC/du (pF/mm)")
     values.legend()
-    figure.suptitle(title)
+    figure.suptitle(plain(title))
     return figure

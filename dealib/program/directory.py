@@ -18,7 +18,7 @@ from dealib.errors import ConfigError, DealibError, PlatformError
 from dealib.files import TEMPORARY, write_text
 from dealib.log import LOGGER
 from dealib.results import store
-from dealib.results.checkpoint import FOLDER, VALUES, Checkpoint, CheckpointFolder
+from dealib.results.checkpoint import FOLDER, VALUES, Checkpoint, CheckpointFolder, history_sum
 from dealib.results.history import HISTORY
 from dealib.results.info import INFO
 from dealib.results.lock import Lock
@@ -107,10 +107,7 @@ def finished(path: Path, case: Case, comm: MPI.Comm) -> bool:
 
 def _make(path: Path, overwrite: bool) -> Lock:
     """A directory for a new run; of an old one, what is not dealib's is kept."""
-    used = path.exists() and (
-        not path.is_dir() or any(TEMPORARY not in f.suffixes for f in path.iterdir())
-    )
-    if used:
+    if _used(path):
         if not overwrite:
             raise ConfigError(
                 f"{path} exists and is not empty; choose another --out, --overwrite it, or "
@@ -131,11 +128,22 @@ def _make(path: Path, overwrite: bool) -> Lock:
     return lock
 
 
+def _used(path: Path) -> bool:
+    """Whether there is anything at a path but what a killed run has not finished."""
+    if not path.is_dir():
+        return path.exists()
+    return any(TEMPORARY not in f.suffixes for f in path.iterdir())
+
+
 def _held(path: Path) -> Lock:
     """The lock of a run that may be resumed."""
-    if not path.is_dir():
-        raise ConfigError(f"{path}: nothing to resume, there is no such run; run it without it")
-    if not any((path / name).exists() for name in (INFO, FOLDER)):
+    there = any((path / name).exists() for name in (INFO, FOLDER))
+    if not path.is_dir() or (not there and _used(path)):
+        raise ConfigError(
+            f"{path}: nothing to resume, there is no run here; start it without --resume, or give "
+            "the --out of the run that is meant"
+        )
+    if not there:
         return _make(path, overwrite=False)  # killed before it began
     run = Run(path)
     running = run.status == "running"
@@ -179,6 +187,11 @@ def _take_up(path: Path, case: Case, info: dict[str, Any]) -> Checkpoint | None:
         raise _no_way(path, str(error)) from None
     if len(history) <= saved.step:
         raise _no_way(path, f"{HISTORY} ends before the checkpoint (step {saved.step})")
+    for name, found in ((HISTORY, history), (store.STATES, run.kept_history)):
+        known = [] if found is None else found[: saved.step + 1].to_dict("records")
+        if history_sum({str(k): v for k, v in row.items()} for row in known) != saved.history:
+            remove = "; it is restored if you remove it" if name == HISTORY else ""
+            raise _no_way(path, f"{name} is not what the run has written{remove}")
     write_text(path / HISTORY, history.to_csv(index=False, na_rep="nan"))
     for name, version in info["versions"].items():
         before = old["versions"].get(name)

@@ -1,4 +1,4 @@
-"""What a run came from: versions, commit, process."""
+"""What a run came from: commit, process."""
 
 from __future__ import annotations
 
@@ -8,28 +8,6 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from dealib.fem import compat
-
-
-def versions() -> dict[str, str]:
-    """Versions of everything that results depend on."""
-    from importlib.metadata import version
-
-    from petsc4py import PETSc
-
-    import gmsh
-
-    return {
-        "dealib": version("dealib"),
-        "dolfinx": compat.VERSION,
-        "petsc": ".".join(map(str, PETSc.Sys.getVersion())),
-        "gmsh": gmsh.__version__,
-        "numpy": np.__version__,
-        "python": platform.python_version(),
-    }
-
 
 def git_hash() -> str | None:
     """Commit of the checkout that dealib runs from, if it is one."""
@@ -38,7 +16,7 @@ def git_hash() -> str | None:
             ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"],
             capture_output=True,
             text=True,
-            timeout=5,
+            timeout=60,  # a busy machine may need seconds
             check=False,
         )
     except (OSError, subprocess.TimeoutExpired):

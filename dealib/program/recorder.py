@@ -10,9 +10,9 @@ from dealib.config.case import Case, resolved
 from dealib.errors import PlatformError
 from dealib.program.history import State
 from dealib.program.predictor import MEMORY
-from dealib.program.provenance import versions
 from dealib.program.simulation import Simulation
 from dealib.results.writer import Opening, Record, Writer
+from dealib.versions import versions
 
 
 class Recorder:

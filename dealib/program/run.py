@@ -20,7 +20,7 @@ from dealib.errors import Interrupted, NotConverged, PlatformError
 from dealib.log import to_file
 from dealib.program.directory import finished, prepare
 from dealib.program.margins import table
-from dealib.program.provenance import git_hash, identity, versions
+from dealib.program.provenance import git_hash, identity
 from dealib.program.recorder import Recorder
 from dealib.program.signals import Signals
 from dealib.program.simulation import Simulation, State
@@ -29,6 +29,7 @@ from dealib.results import store
 from dealib.results.beside import Beside
 from dealib.results.reader import Run
 from dealib.results.writer import StepWriter
+from dealib.versions import versions
 
 log = logging.getLogger(__name__)
 

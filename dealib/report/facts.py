@@ -10,15 +10,13 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from dealib.config.follow import PORT_OF
 from dealib.config.program import Stage
 from dealib.config.schema import Config
 from dealib.errors import ConfigError
 from dealib.results.cycles import cycles
 from dealib.results.reader import Run
-from dealib.results.summary import actuations, critical_points, stored_note
-from dealib.results.summary import margins as utilisations
-from dealib.units import write
+from dealib.results.summary import actuations, critical_points, moment, stored_note
+from dealib.units import neat, write
 
 Rows = list[tuple[str, str]]
 
@@ -77,7 +75,7 @@ def program(config: Config) -> list[dict[str, str]]:
     return [
         {
             "stage": stage.stage,
-            "duration": "" if stage.stage == "prestrain" else text(write(stage.duration, "time")),
+            "duration": text(write(stage.duration, "time")) if _timed(stage) else "",
             "steps": str(stage.steps) + (f" × {stage.cycles}" if stage.cycles > 1 else ""),
             "mount": "the film is stretched"
             if stage.stage == "prestrain"
@@ -86,6 +84,11 @@ def program(config: Config) -> list[dict[str, str]]:
         }
         for stage in config.program
     ]
+
+
+def _timed(stage: Stage) -> bool:
+    """Whether its duration is time: neither of the pre-strain nor of a path."""
+    return stage.stage != "prestrain" and stage.follow is None
 
 
 def _port(port: str, stage: Stage) -> str:
@@ -103,7 +106,8 @@ def _port(port: str, stage: Stage) -> str:
 def headline(run: Run) -> list[tuple[str, str]]:
     """The figures that matter most, value first."""
     h = run.history
-    found = [(f"{_number(h['displacement_mm'].abs().max())} mm", "largest displacement")]
+    u, c = h["displacement_mm"], h["capacitance_pF"]
+    found = [(f"{_number(u.min(), 4)}…{_number(u.max(), 4)} mm", "displacement")]
     for a in actuations(run):
         if a.stroke is not None:
             found.append((f"{_number(a.stroke)} mm", f"stroke in “{a.stage}”"))
@@ -111,8 +115,7 @@ def headline(run: Run) -> list[tuple[str, str]]:
             found.append((f"{_number(a.force_change)} N", f"force change in “{a.stage}”"))
     for point in critical_points(run):
         found.append((f"{_number(point.value)} {point.unit}", f"{point.name} in “{point.stage}”"))
-    c = h["capacitance_pF"]
-    found.append((f"{c.min():.4g}–{c.max():.4g} pF", "capacitance"))
+    found.append((f"{c.min():.4g}…{c.max():.4g} pF", "capacitance"))
     found.append((f"{h['field_max_MV_per_m'].max():.4g} MV/m", "peak field"))
     found.append((f"{h['thickness_stretch_min'].min():.4f}", "smallest thickness stretch"))
     return found
@@ -132,24 +135,8 @@ def margins(run: Run) -> list[tuple[str, str, str]]:
             continue
         k = int(h[column].abs().argmax() if largest else h[column].argmin())
         row = h.iloc[k]
-        where = f"step {row['step']}, t = {row['time_s']:.4g} s, {row['stage']}"
-        found.append((name, f"{_number(float(row[column]))} {unit}".strip(), where))
+        found.append((name, f"{_number(float(row[column]))} {unit}".strip(), moment(run, row)))
     return found
-
-
-def uses(run: Run) -> list[dict[str, str]]:
-    """How much of each limit is used, and where and when most."""
-    return [
-        {
-            "name": m.name,
-            "meaning": m.meaning,
-            "used": m.used,
-            "ok": "ok" if m.ok else "beyond",
-            "where": m.where.replace("-", "−"),
-            "when": m.when,
-        }
-        for m in utilisations(run)
-    ]
 
 
 def energy(run: Run) -> Rows:
@@ -166,7 +153,7 @@ def energy(run: Run) -> Rows:
             f"{_number(stored.iloc[-1] - stored[0])} mJ",
         ),
         *((name, f"{_number(x.iloc[-1])} mJ") for name, x in lost if x is not None),
-        ("Largest residual of the balance", f"{_number(residual)} mJ ({share(run):.2g} %)"),
+        ("Largest residual of the balance", f"{_number(residual)} mJ: {_share_told(run)}"),
     ]
 
 
@@ -184,12 +171,27 @@ def cycle_table(run: Run) -> list[tuple[str, ...]]:
 
 def share(run: Run) -> float:
     """Largest residual of the energy balance, in % of the largest energy exchanged."""
+    largest = max(_exchanged(run).values())
+    residual = float(run.history["energy_residual_mJ"].abs().max())
+    return 100 * residual / largest if largest > 0 else 0.0
+
+
+def _exchanged(run: Run) -> dict[str, float]:
+    """Largest absolute values of the work of both ports and of the change of stored energy, mJ."""
     h = run.history
     stored = h["elastic_energy_mJ"] + h["electric_energy_mJ"]
-    exchanged = [h["mount_work_mJ"], h["terminal_work_mJ"], stored - stored[0]]
-    largest = max(float(part.abs().max()) for part in exchanged)
-    residual = float(h["energy_residual_mJ"].abs().max())
-    return 100 * residual / largest if largest > 0 else 0.0
+    parts = {
+        "work at the mount": h["mount_work_mJ"],
+        "work at the terminal": h["terminal_work_mJ"],
+        "change of stored energy": stored - stored[0],
+    }
+    return {name: float(part.abs().max()) for name, part in parts.items()}
+
+
+def _share_told(run: Run) -> str:
+    exchanged = _exchanged(run)
+    most = max(exchanged, key=exchanged.__getitem__)
+    return f"{share(run):.2g} % of the largest {most}, {_number(exchanged[most])} mJ"
 
 
 def solution(run: Run) -> Rows:
@@ -240,7 +242,7 @@ def warnings(run: Run) -> list[str]:
         )
     if share(run) > 1:
         found.append(
-            f"The energy balance closes to {share(run):.2g} % only: the trapezoidal rule between "
+            f"The energy balance closes to {_share_told(run)} only: the trapezoidal rule between "
             "the steps is coarse; more steps make it smaller."
         )
     with suppress(ConfigError):  # damaged states: where their pictures are drawn, it is told
@@ -251,6 +253,5 @@ def warnings(run: Run) -> list[str]:
     return found
 
 
-def _number(value: float) -> str:
-    """Five digits, without rounding noise."""
-    return f"{0.0 if abs(value) < 1e-9 else value:.5g}".replace("-", "−")
+def _number(value: float, digits: int = 5) -> str:
+    return neat(value, digits).replace("-", "−")

@@ -13,13 +13,13 @@ from dealib.errors import ConfigError
 from dealib.plots import style
 from dealib.plots.contours import contours
 from dealib.plots.curves import curves, overview
-from dealib.plots.labels import label
+from dealib.plots.labels import label, plain
 from dealib.plots.limits import uses
 from dealib.plots.mesh import draw_mesh
 from dealib.plots.profiles import draw_profiles
-from dealib.plots.quantities import SURFACE_CHARGE, quantity
 from dealib.plots.shape import Shape, typical_step
 from dealib.plots.style import Theme, save, theme
+from dealib.results.quantities import SURFACE_CHARGE, quantity
 from dealib.results.reader import Run
 from dealib.results.summary import under_voltage
 
@@ -46,12 +46,9 @@ def both(draw: Callable[[Theme], Any], kind: str) -> Picture:
         with theme(dark) as look:
             data = io.BytesIO()
             save(draw(look), data, kind, dpi=110)
-            found.append(_uri(data, kind))
+            text = base64.b64encode(data.getvalue()).decode("ascii")
+            found.append(f"data:{_MIME[kind]};base64,{text}")
     return Picture(*found)
-
-
-def _uri(data: io.BytesIO, kind: str) -> str:
-    return f"data:{_MIME[kind]};base64,{base64.b64encode(data.getvalue()).decode('ascii')}"
 
 
 def pictures(run: Run) -> tuple[dict[str, Picture], list[str]]:
@@ -61,7 +58,7 @@ def pictures(run: Run) -> tuple[dict[str, Picture], list[str]]:
     energies = [name for name in energies if name in run.history]
     found = {
         "overview": both(lambda look: overview([run]), "svg"),
-        "energy": both(lambda look: curves([run], "time_s", energies), "svg"),
+        "energy": both(lambda look: curves([run], None, energies), "svg"),
         "margins": both(lambda look: uses(run), "svg"),
     }
     if len(run.history) > 1:
@@ -91,15 +88,7 @@ def _fields(run: Run) -> dict[str, Picture]:
 
 def _mesh(run: Run) -> dict[str, Picture]:
     path = run.directory / "mesh.msh"
-    if not path.is_file():
-        return {}
-    uris = []
-    for dark in (False, True):
-        with theme(dark):
-            data = io.BytesIO()
-            draw_mesh(path, data)
-            uris.append(_uri(data, "png"))
-    return {"mesh": Picture(*uris)}
+    return {"mesh": both(lambda look: draw_mesh(path), "png")} if path.is_file() else {}
 
 
 def _iterations(run: Run) -> Any:
@@ -107,7 +96,7 @@ def _iterations(run: Run) -> Any:
     h = run.history[1:]
     figure, axis = style.plt.subplots(figsize=(7, 2.4), layout="constrained")
     for k, (stage, part) in enumerate(h.groupby("stage", sort=False)):
-        axis.bar(part["step"], part["newton_iterations"], color=f"C{k % 6}", label=str(stage))
+        axis.bar(part["step"], part["newton_iterations"], color=f"C{k % 6}", label=plain(stage))
     axis.set(xlabel="Step", ylabel=label("newton_iterations"))
     axis.yaxis.set_major_locator(style.plt.MaxNLocator(integer=True))
     axis.grid(False, axis="x")

@@ -10,6 +10,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from dealib.report import css, facts, figures
 from dealib.results.reader import Run
+from dealib.results.summary import margins
 
 _CAPTIONS = {
     "E": "Electric field at the largest voltage of a stored state.",
@@ -36,12 +37,14 @@ def render(run: Run) -> str:
     page: dict[str, Any] = {
         "css": css(),
         "run": info,
+        "title": run.title,
+        "status": run.status,
         "config": config,
         "headline": facts.headline(run),
         "device": facts.device(config),
         "program": facts.program(config),
         "margins": facts.margins(run),
-        "uses": facts.uses(run),
+        "uses": margins(run),
         "energy": facts.energy(run),
         "cycles": facts.cycle_table(run),
         "solution": facts.solution(run),

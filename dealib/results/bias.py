@@ -51,8 +51,8 @@ class Stroke:
 
     @property
     def length(self) -> float:
-        """Displacement by the voltage, mm."""
-        return self.end.displacement - self.start.displacement
+        """Way that the voltage moves the mount, mm."""
+        return abs(self.end.displacement - self.start.displacement)
 
     @property
     def returns(self) -> bool:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -26,12 +28,14 @@ class Checkpoint:
         mesh: Fingerprint of the mesh that the states belong to.
         states: Nodal (u_R, u_Z, phi) of the last converged steps, newest last; on rank 0 only.
         internal: Internal state of Maxwell branches at the last one, if there are any; likewise.
+        history: Checksum of the history's rows up to there (see `chained`).
     """
 
     values: dict[str, Any]
     mesh: str
     states: list[Array] = field(default_factory=list)
     internal: Array | None = None
+    history: str = ""
 
     @property
     def step(self) -> int:
@@ -43,11 +47,14 @@ class CheckpointFolder:
     """`checkpoint/`: the last states, and the values that belong to them.
 
     A new state is a new file; the values, which name the step, are replaced after it. So there is
-    one whole checkpoint at every moment.
+    one whole checkpoint at every moment. With the values are checksums of all that it holds, and of
+    the rows of the history.
     """
 
     def __init__(self, directory: Path) -> None:
         self.folder = directory / FOLDER
+        self._sums: dict[str, str] | None = None  # of the files; None until they are known
+        self._history = ""
 
     def write(
         self,
@@ -63,12 +70,21 @@ class CheckpointFolder:
             PlatformError: If the disk refuses; the previous checkpoint is then intact.
         """
         step = Checkpoint(values, mesh).step
+        if self._sums is None:  # a run that is resumed knows them from its checkpoint
+            found = self._found() or {"sums": {}, "history": ""}
+            self._sums, self._history = found["sums"], found["history"]
         with guarded(self.folder):
             self.folder.mkdir(exist_ok=True)
-        _save(self._state(step), state)
-        if internal is not None:
-            _save(self._internal(step), internal)
-        text = json.dumps({"mesh": mesh, "values": values})
+        arrays = {self._state(step): state, self._internal(step): internal}
+        for path, array in arrays.items():
+            if array is not None:
+                self._sums[path.name] = _save(path, array)
+        for path in (self._state(step - keep), self._internal(step - 1)):
+            self._sums.pop(path.name, None)
+        self._history = chained(self._history, values["progress"]["row"])
+        held = {"mesh": mesh, "values": values, "history": self._history}
+        sums = {**self._sums, VALUES: _sum_of_values(values)}
+        text = json.dumps({**held, "sums": sums})
         write_bytes(self.folder / VALUES, text.encode(), durable=True)
         self._state(step - keep).unlink(missing_ok=True)
         self._internal(step - 1).unlink(missing_ok=True)
@@ -77,28 +93,35 @@ class CheckpointFolder:
         """The last checkpoint, or None if there is none yet.
 
         Raises:
-            ConfigError: If it is damaged.
+            ConfigError: If it is not what was written.
         """
-        path = self.folder / VALUES
-        if not path.is_file():
-            return None
         try:
-            found = json.loads(path.read_text(encoding="utf-8"))
-            saved = Checkpoint(found["values"], found["mesh"])
+            found = self._found()
+            if found is None:
+                return None
+            sums = found["sums"]
+            if sums[VALUES] != _sum_of_values(found["values"]):
+                raise ValueError(f"{VALUES} is not what the run has written")
+            saved = Checkpoint(found["values"], found["mesh"], history=found["history"])
             step = saved.step
-            if self._internal(step).is_file():
-                saved = replace(saved, internal=np.load(self._internal(step)))
-            saved.states.append(np.load(self._state(step)))
-            while self._state(step - 1).is_file():
-                step -= 1
-                saved.states.insert(0, np.load(self._state(step)))
+            if self._internal(step).name in sums:
+                saved = replace(saved, internal=_load(self._internal(step), sums))
             known = len(saved.values["predictor"]["known"])
-            del saved.states[: max(len(saved.states) - known, 0)]
+            while len(saved.states) < max(known, 1) and self._state(step).name in sums:
+                saved.states.insert(0, _load(self._state(step), sums))
+                step -= 1
+            if not saved.states:
+                raise ValueError(f"{self._state(step).name} is missing")
         except Exception as error:  # of a file whose content can be anything
             raise ConfigError(
                 f"{self.folder}: damaged checkpoint ({error}); start anew with --overwrite"
             ) from None
         return saved
+
+    def _found(self) -> dict[str, Any] | None:
+        """What stands with the values; None before anything has converged."""
+        path = self.folder / VALUES
+        return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None
 
     def _state(self, step: int) -> Path:
         return self.folder / f"state_{step:05d}.npy"
@@ -107,7 +130,48 @@ class CheckpointFolder:
         return self.folder / f"internal_{step:05d}.npy"
 
 
-def _save(path: Path, array: Array) -> None:
+def history_sum(rows: Iterable[Mapping[str, Any]]) -> str:
+    """Checksum of a history."""
+    found = ""
+    for row in rows:
+        found = chained(found, row)
+    return found
+
+
+def chained(before: str, row: Mapping[str, Any]) -> str:
+    """Checksum of the rows of a history, from that of the rows before and the next one."""
+    cells = sorted(f"{name}={_plain(value)}" for name, value in row.items())
+    known = [cell for cell in cells if not cell.endswith(("=", "=nan"))]
+    return _sum(json.dumps([before, *known]).encode())
+
+
+def _plain(value: Any) -> str:
+    """A value as it is told apart, wherever it was read from."""
+    try:
+        return repr(float(value))
+    except ValueError:
+        return str(value)
+
+
+def _sum(content: bytes | memoryview) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+def _sum_of_values(values: dict[str, Any]) -> str:
+    return _sum(json.dumps(values).encode())
+
+
+def _save(path: Path, array: Array) -> str:
+    """Write an array; returns its checksum."""
     buffer = io.BytesIO()
     np.save(buffer, array)
     write_bytes(path, buffer.getbuffer(), durable=True)
+    return _sum(buffer.getbuffer())
+
+
+def _load(path: Path, sums: Mapping[str, str]) -> Array:
+    """Read an array that has its checksum."""
+    content = path.read_bytes()
+    if _sum(content) != sums[path.name]:
+        raise ValueError(f"{path.name} is not what the run has written")
+    return np.asarray(np.load(io.BytesIO(content)))

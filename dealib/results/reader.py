@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
-from ruamel.yaml import YAML
 
 from dealib.errors import ConfigError, DealibError, first_line
 from dealib.log import LOGGER
@@ -74,6 +73,12 @@ class Run:
         return str(info["status"])
 
     @cached_property
+    def title(self) -> str:
+        """Name of its directory, and of its config where that is another: 'thicker (deap100)'."""
+        own, config = self.directory.resolve().name, str(self.info["name"])
+        return own if own == config else f"{own} ({config})"
+
+    @cached_property
     def history(self) -> pandas.DataFrame:
         """The history, one row a converged step; that in `results.h5` if the CSV is damaged.
 
@@ -83,10 +88,10 @@ class Run:
         try:
             found = self._csv()
         except ConfigError as error:
-            if self._kept_history is None:
+            if self.kept_history is None:
                 raise self._without(HISTORY, error) from None
             self._tell(f"{error}; the history is that in {store.STATES}")
-            found = self._kept_history
+            found = self.kept_history
         if found is None:
             raise ConfigError(f"{self.directory}: no step has converged yet")
         return found
@@ -103,7 +108,7 @@ class Run:
 
     def _csv(self) -> pandas.DataFrame | None:
         """What `history.csv` holds; None if no step has converged."""
-        path, kept = self.directory / HISTORY, self._kept_history  # which a run writes after it
+        path, kept = self.directory / HISTORY, self.kept_history  # which a run writes after it
         try:
             found = parse(path, self._columns) if path.is_file() else None
         except (OSError, ValueError) as error:
@@ -114,7 +119,7 @@ class Run:
         return found
 
     @cached_property
-    def _kept_history(self) -> pandas.DataFrame | None:
+    def kept_history(self) -> pandas.DataFrame | None:
         """The history in `results.h5`; None if there is none that can be read."""
         try:
             with self._file() as file:
@@ -132,6 +137,7 @@ class Run:
             ConfigError: If both are damaged.
         """
         from dealib.config import Config, read
+        from dealib.config.text import load
 
         try:
             return read(self.directory / CONFIG)
@@ -140,7 +146,7 @@ class Run:
             if not kept:
                 raise self._without(CONFIG, error) from None
             self._tell(f"{first_line(error)}; the config is that in {store.STATES}")
-            return Config.model_validate(YAML(typ="safe", pure=True).load(kept))
+            return Config.model_validate(load(kept))
 
     def text(self, name: str) -> str:
         """Text of `config.yaml` or `config.resolved.yaml`; empty if it is not to be had."""

@@ -49,6 +49,14 @@ def numbers(
     return found
 
 
+def clock(program: Sequence[Stage]) -> str:
+    """Column to tell the states of a run apart by.
+
+    It is `time_s`, but `step` if a stage follows a branch: there time only counts the path.
+    """
+    return "step" if any(stage.follow is not None for stage in program) else "time_s"
+
+
 def titles(program: Sequence[Stage]) -> list[str]:
     """Names of the stages; equal ones are numbered."""
     count = Counter(stage.stage for stage in program)

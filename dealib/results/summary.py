@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dealib.device.records import CHAMBER, MOUNT, TERMINAL
+from dealib.errors import ConfigError
 from dealib.observe.quantities import columns
 from dealib.results import stages
+from dealib.units import neat
 
 if TYPE_CHECKING:
     import pandas
@@ -34,6 +37,18 @@ def stored_note(run: Run) -> str:
     under = under_voltage(run.history)
     stored = run.history["step"].isin(run.stored_steps)
     return "no state under voltage was stored" if under.any() and not (under & stored).any() else ""
+
+
+def moment(run: Run, row: Mapping[str, Any] | pandas.Series[Any]) -> str:
+    """Step, time and stage of a state: 'step 21, t = 25 s, actuate'.
+
+    Args:
+        run: The run.
+        row: `step`, `time_s` and `stage`.
+    """
+    timed = stages.clock(run.config.program) == "time_s"
+    time = f", t = {neat(row['time_s'], 4)} s" if timed else ""
+    return f"step {row['step']}{time}, {row['stage']}"
 
 
 @dataclass(frozen=True)
@@ -172,15 +187,37 @@ def critical_points(run: Run) -> list[CriticalPoint]:
     return found
 
 
-# column of the history -> name, and what it compares
+# column of the history -> name, what it compares, and what it means to be beyond
 MARGINS = {
-    "breakdown_use": ("breakdown", "true field over the strength that the electrodes leave"),
-    "wrinkling_use": ("wrinkling", "lost share of the mounted tension, thickness average"),
-    "pull_in_use": ("pull-in", "field over the one at which the film itself loses stability"),
-    "stability_use": ("material stability", "lost share of the law's stiffness at rest"),
-    "stretch_use": ("stretch", "largest stretch over the one allowed"),
-    "locking_use": ("locking", "share of the law's extensibility"),
+    "breakdown_use": (
+        "breakdown",
+        "true field over the strength that the electrodes leave",
+        "the film breaks down",
+    ),
+    "wrinkling_use": (
+        "wrinkling",
+        "lost share of the mounted tension, thickness average",
+        "a real film wrinkles, this one carries pressure in its plane",
+    ),
+    "pull_in_use": (
+        "pull-in",
+        "field over the one at which the film itself loses stability",
+        "a film under dead loads would be unstable; clamped as here it bears more",
+    ),
+    "stability_use": (
+        "material stability",
+        "lost share of the law's stiffness at rest",
+        "the law itself is unstable",
+    ),
+    "stretch_use": (
+        "stretch",
+        "largest stretch over the one allowed",
+        "the film is stretched more than is allowed",
+    ),
+    "locking_use": ("locking", "share of the law's extensibility", "the law has locked"),
 }
+VERDICTS = ("limit exceeded", "beyond")
+GIVEN = ("breakdown_use", "stretch_use")  # limits of the config; the others are the film's own
 
 
 @dataclass(frozen=True)
@@ -190,14 +227,18 @@ class Margin:
     Attributes:
         name: Of the margin.
         meaning: What is compared.
+        beyond: What it means to be beyond.
+        given: Whether the config gives the limit; else it is the film's own.
         use: How much is used: 1 is the limit; infinite where there is nothing left at all.
-        where: Place in the mesh.
+        where: Place in the mesh, if known.
         when: Step, time and stage.
         ok: Whether the limit holds.
     """
 
     name: str
     meaning: str
+    beyond: str
+    given: bool
     use: float
     where: str
     when: str
@@ -208,23 +249,48 @@ class Margin:
         """`use` for the eye."""
         return f"{self.use:.3f}" if self.use < float("inf") else "∞"
 
+    @property
+    def verdict(self) -> str:
+        """'ok', or one of `VERDICTS`: for a limit of the config, and for one of the film."""
+        return "ok" if self.ok else VERDICTS[not self.given]
+
 
 def margins(run: Run) -> list[Margin]:
-    """The margins of a run that came to its end, in a fixed order."""
-    found = run.info.get("margins", {})
+    """The margins of a run, in a fixed order; of one that was killed, from its history."""
+    found = run.info.get("margins") or _from_history(run)
+    places = {f"{axis}_mm" for axis in run.config.device.kinematics.axes}
     return [
         Margin(
-            name,
-            meaning,
+            *MARGINS[column],
+            column in GIVEN,
             float("inf") if m["use"] is None else m["use"],
             ", ".join(
                 f"{key.removesuffix('_mm')} = {value:.4g} mm"
                 for key, value in m.items()
-                if key.endswith("_mm")
+                if key in places
             ),
-            f"step {m['step']}, t = {m['time_s']:.4g} s, {m['stage']}",
+            moment(run, m),
             m["ok"],
         )
-        for column, (name, meaning) in MARGINS.items()
+        for column in MARGINS
         if (m := found.get(column)) is not None
     ]
+
+
+def _from_history(run: Run) -> dict[str, dict[str, Any]]:
+    try:
+        h = run.history
+    except ConfigError:
+        return {}  # nothing has converged
+    worst: dict[str, Any] = {c: h.iloc[int(h[c].argmax())].to_dict() for c in MARGINS if c in h}
+    return {c: {**row, "use": row[c], "ok": row[c] <= 1 + 1e-9} for c, row in worst.items()}
+
+
+def alarms(run: Run) -> dict[str, str]:
+    """What is beyond a limit, by verdict: 'wrinkling 1.193, pull-in 1.072'."""
+    found = [m for m in margins(run) if not m.ok]
+    told = {
+        verdict: ", ".join(f"{m.name} {m.used}" for m in found if m.verdict == verdict)
+        for verdict in VERDICTS
+    }
+    return {verdict: text for verdict, text in told.items() if text}

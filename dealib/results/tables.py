@@ -148,7 +148,8 @@ class Tables:
             else:  # the mean of the ways to it, by splines
                 ways = [
                     _spline_slope(grids[k], found[(*of[:k], False, *of[k + 1 :])], k)
-                    for k in np.flatnonzero(of)
+                    for k, differentiated in enumerate(of)
+                    if differentiated
                 ]
                 found[of] = np.mean(ways, axis=0)
         return found

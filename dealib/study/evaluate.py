@@ -138,7 +138,7 @@ class Results:
         """Where an expression gives no number, and why."""
         found = []
         for where, (first, *others) in self._faults.items():
-            more = f" (and {len(others)} more cases)" if others else ""
+            more = f" (and {len(others)} more)" if others else ""
             found.append(str(self.plan.fault(where, first + more)))
         return found
 
@@ -162,22 +162,29 @@ class Results:
         """Indices of the cases that a selection means."""
         return [i for i, s in enumerate(self.statuses) if selected(s.case, where)]
 
-    def over(self, text: str, rows: Sequence[int]) -> Any:
+    def over(self, text: str, rows: Sequence[int], solved: bool = False) -> Any:
         """Value of an expression over the quantities of some cases.
+
+        Args:
+            text: The expression.
+            rows: Indices of the cases.
+            solved: Over those that are solved only.
 
         Raises:
             ValueError: If a case does not exist.
         """
-        chosen = {name: values[list(rows)] for name, values in self.values.items()}
         labels = [self.statuses[i].case.label for i in rows]
+        over = [i for i in rows if not solved or self.statuses[i].status == DONE]
+        chosen = {name: values[over] for name, values in self.values.items()}
 
         def of(values: Array, label: str) -> float:
             if label not in labels:
                 raise ValueError(f"no case {label!r}{did_you_mean(label, labels)}")
-            return float(values[labels.index(label)])
+            at = rows[labels.index(label)]
+            return float(values[over.index(at)]) if at in over else float("nan")
 
         def settings(path: str) -> Array:
-            return np.array([setting(self.statuses[i].case.work, path) for i in rows])
+            return np.array([setting(self.statuses[i].case.work, path) for i in over])
 
         found = Expression(text, OF_ALL_CASES)(chosen, {"of": of, "setting": settings})
         if np.isinf(found).any():
@@ -264,16 +271,20 @@ class Results:
 
     @property
     def comparison(self) -> str:
-        """The sentence, with its numbers."""
+        """The sentence, with its numbers; over the cases that are solved, which it then says."""
         everything = range(len(self.statuses))
+        solved = sum(s.status == DONE for s in self.statuses)
+        if not self.study.comparison or not solved:
+            return "No case is solved." if self.study.comparison else ""
+        some = "" if solved == len(everything) else f" ({solved} of {len(everything)} cases.)"
 
         def insert(match: Any) -> str:
             try:
-                return format(_one(self.over(match[1], everything)), match[2] or ".4g")
+                return format(_one(self.over(match[1], everything, solved=True)), match[2] or ".4g")
             except (ValueError, TypeError) as error:
                 raise self.plan.fault(("comparison",), f"{match[0]}: {error}") from None
 
-        return INSERT.sub(insert, self.study.comparison)
+        return INSERT.sub(insert, self.study.comparison) + some
 
 
 def _one(value: Any) -> float:

@@ -92,5 +92,5 @@ def page(title: str, entries: Sequence[Entry]) -> str:
     held = sum(e.held for e in entries)
     total = sum(len(e.windows) for e in entries)
     return environment.get_template("gallery.html").render(
-        title=title, entries=entries, held=held, total=total
+        title=title, entries=entries, held=held, total=total, shaded=any(e.axes for e in entries)
     )

@@ -14,6 +14,7 @@ from dealib.materials.response import response
 from dealib.results.elements import Array
 from dealib.results.mesh import Ints
 from dealib.results.reader import Run
+from dealib.results.sampling import Strip
 from dealib.study import sample
 from dealib.study.expressions import Expression, Function
 from dealib.study.plan import Planned
@@ -35,7 +36,7 @@ class Outcome:
     def __init__(self, case: Planned, run: Run | None) -> None:
         self.case, self.run = case, run
         self._arrays: dict[str, dict[str, Array]] = {}
-        self._strips: dict[str, sample.Strip] = {}
+        self._strips: dict[str, Strip] = {}
 
     @cached_property
     def history(self) -> pandas.DataFrame:
@@ -107,41 +108,49 @@ class Outcome:
             raise ValueError(f"no timing {name!r}{did_you_mean(name, timings)}")
         return float(timings[name])
 
+    def step(self, stage: str) -> int:
+        """The stored step at the end of a stage.
+
+        Raises:
+            ValueError: If its fields are not stored.
+        """
+        if self.run is None:
+            raise ValueError("a test of a material has no fields")
+        step = int(self.history["step"].iloc[self._rows(stage)[-1]])
+        if step not in self.run.stored_steps:
+            raise ValueError(f"the fields at the end of stage {stage!r} are not stored")
+        return step
+
     def arrays(self, stage: str) -> dict[str, Array]:
         """All nodal fields at the end of a stage.
 
         Raises:
             ValueError: If they are not stored.
         """
-        if self.run is None:
-            raise ValueError("a test of a material has no fields")
         if stage not in self._arrays:
-            step = int(self.history["step"].iloc[self._rows(stage)[-1]])
-            steps = self.run.stored_steps
-            if step not in steps:
-                raise ValueError(f"the fields at the end of stage {stage!r} are not stored")
-            self._arrays[stage] = self.run.arrays(steps.index(step))
+            step = self.step(stage)
+            assert self.run is not None
+            self._arrays[stage] = self.run.arrays(self.run.stored_steps.index(step))
         return self._arrays[stage]
 
-    def nearest(self, time: float) -> tuple[pandas.Series, dict[str, Array]]:
-        """Row of the history, and all nodal fields, of the stored state nearest to a time.
+    def nearest(self, time: float) -> int:
+        """The stored step nearest to a time.
 
         Raises:
             ValueError: If nothing is stored.
         """
         steps = [] if self.run is None else self.run.stored_steps
-        stored = self.history[self.history["step"].isin(steps)] if steps else None
-        if self.run is None or stored is None:
+        if not steps:
             raise ValueError("no fields are stored")
-        row = stored.iloc[int((stored["time_s"] - time).abs().to_numpy().argmin())]
-        return row, self.run.arrays(steps.index(int(row["step"])))
+        stored = self.history[self.history["step"].isin(steps)]
+        return int(stored["step"].iloc[int((stored["time_s"] - time).abs().to_numpy().argmin())])
 
-    def strip(self, region: str) -> sample.Strip:
+    def strip(self, region: str) -> Strip:
         """A region of the mesh."""
         if self.run is None:
             raise ValueError("a test of a material has no regions")
         if region not in self._strips:
-            self._strips[region] = sample.Strip(self.run.mesh, region)
+            self._strips[region] = Strip(self.run.mesh, region)
         return self._strips[region]
 
     @property

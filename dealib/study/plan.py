@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import copy
 import itertools
+import math
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,11 +18,16 @@ from dealib.calibration.schema import Fit
 from dealib.cases.cache import key
 from dealib.config import load
 from dealib.config.messages import problem, validate
+from dealib.config.names import fault
 from dealib.config.schema import Config
 from dealib.config.source import Source
 from dealib.errors import ConfigError
+from dealib.patience import patience
+from dealib.reading import read_bytes
 from dealib.study import scope
 from dealib.study.schema import MaterialTest, Study, Where
+
+_CASES = 10_000  # most of a study, of which a hundred are read in some seconds
 
 
 @dataclass(frozen=True)
@@ -78,15 +85,22 @@ def read(path: Path) -> Plan:
     """
     source = Source(path)
     study = validate(Study, source)
+    count = math.prod(len(_points(axis)) for axis in study.vary.values())
+    if count > _CASES:
+        problem = f"{count:.6g} cases; a study has at most {_CASES:,}"
+        raise ConfigError(source.message(("vary",), problem, "key"))
     cases: list[Planned] = []
-    for axes, changes in _grid(study):
-        label = _label(study, axes)
-        try:
-            cases.append(_case(study, path, label, axes, changes))
-        except ConfigError as error:
-            raise ConfigError(f"{path}: case {label!r}: {error}") from None
-    labels = [c.label for c in cases]
-    twice = {x for x in labels if labels.count(x) > 1}
+    with patience(f"reading {count} cases of {path}"):
+        for axes, changes in _grid(study):
+            label = _label(study, axes)
+            for text in (label, *axes.values()):
+                if wrong := fault(text):
+                    raise ConfigError(source.message(("vary",), f"label {text!r}: {wrong}", "key"))
+            try:
+                cases.append(_case(study, path, label, axes, changes))
+            except ConfigError as error:
+                raise ConfigError(f"{path}: case {label!r}: {error}") from None
+    twice = [label for label, n in Counter(c.label for c in cases).items() if n > 1]
     if twice:
         raise ConfigError(
             source.message(("label",), f"several cases are named {sorted(twice)[0]!r}")
@@ -114,8 +128,8 @@ def _is_study(path: Path) -> bool:
     """Whether a file has a key that only studies have."""
     own = set(Study.model_fields) - set(Config.model_fields) - set(Fit.model_fields)
     try:
-        text = path.read_text(encoding="utf-8", errors="replace")
-    except OSError:
+        text = read_bytes(path, "study", 1_000_000).decode(errors="replace")
+    except ConfigError:
         return True  # to read it tells what is wrong
     return not own.isdisjoint(re.findall(r"^(\w+):", text, re.M))
 

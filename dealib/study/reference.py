@@ -18,7 +18,8 @@ Made by `dealib schema --of study --reference` from the schema and the functions
 _EXPRESSIONS = """
 ## Expressions
 
-Numbers, names, `+ - * / **`, brackets and functions. Texts stand in double quotes.
+Numbers, names, `+ - * / **` (exponents up to 64), brackets and functions. Texts stand in double
+quotes. A number that is infinite or undefined fails by name; only `at` may have no value.
 
 - Over one case, in `quantities` and in `x` and `y` of panels of kind `curves`: names are columns
   of history.csv, or `stretch`, `strain`, `stress_MPa` of a `material_test`.

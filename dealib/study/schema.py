@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, field_validator, model_validator
 
 from dealib.config.materials import Material
-from dealib.config.schema import Name
+from dealib.config.names import Cell, Name
 from dealib.errors import ValueAt, did_you_mean
 from dealib.section import Section
 from dealib.units import Length, Time
@@ -30,7 +30,7 @@ class MaterialTest(Section):
         "uniaxial", description="also the name of its one stage"
     )
     stretch: tuple[Above0, Above0] = Field((1.0, 2.0), description="first and last")
-    points: int = Field(61, ge=2, description="equal steps from first to last")
+    points: int = Field(61, ge=2, le=100_000, description="equal steps from first to last")
 
 
 class Axis(Section):
@@ -38,7 +38,16 @@ class Axis(Section):
 
     value: str = Field(description="expression")
     label: str = Field(min_length=1, description="with its unit")
-    limits: Limits | None = Field(None, description="range of the reference's axis")
+    limits: Limits | None = Field(
+        None, description="range of the reference's axis; of falling ends, drawn from the first on"
+    )
+    scale: Literal["linear", "log"] = Field("linear", description="of the axis")
+
+    @model_validator(mode="after")
+    def _logarithmic(self) -> Axis:
+        if self.scale == "log" and self.limits is not None and min(self.limits) <= 0:
+            raise ValueAt(("limits",), "a log axis needs limits above zero")
+        return self
 
 
 class Reference(Section):
@@ -82,14 +91,16 @@ class Points(_Panel):
 
 
 class Contour(_Panel):
-    """A field on the strips of one case: straightened, and true to scale at both ends."""
+    """A field on the layers of one case: deformed, straightened, and both ends true to scale."""
 
     kind: Literal["contour"]
     field: str = Field(description="such as S_RR, S_ZZ, E, phi")
     label: str = Field(min_length=1, description="of the colours, with its unit")
     stage: str = Field(description="at the end of this stage")
     factor: float = Field(1.0, description="from the internal unit to the label's")
-    limits: Limits | None = Field(None, description="of the colours; default all but 1 % outliers")
+    limits: Limits | None = Field(
+        None, description="of the colours; default all but 0.6 % of the area"
+    )
     zoom: Length = Field(0.25, gt=0, description="length shown at each end")
 
     @model_validator(mode="after")
@@ -112,12 +123,12 @@ Panel = Annotated[Curves | Points | Contour | Shapes, Field(discriminator="kind"
 class Window(Section):
     """A range in which a number is said, or expected, to lie."""
 
-    name: str = Field(min_length=1, description="what is compared")
+    name: Cell = Field(min_length=1, description="what is compared")
     value: str = Field(description="expression over the quantities of all cases")
     low: float | None = Field(None, description="smallest value; give low, high or both")
     high: float | None = Field(None, description="largest value")
-    unit: str = Field("", description="in which all three are told")
-    source: str = Field("", description="who says so")
+    unit: Cell = Field("", description="in which all three are told")
+    source: Cell = Field("", description="who says so")
     where: Where = Field({}, description=_WHERE)
 
     @model_validator(mode="after")
@@ -141,7 +152,7 @@ class Study(Section):
     )
     set: dict[str, Any] = Field({}, description="dotted keys of the base that all cases change")
     program: list[Any] | None = Field(None, description="stages: it replaces the base's program")
-    vary: dict[str, dict[str, Any]] = Field(
+    vary: dict[Cell, dict[Cell, Any]] = Field(
         {},
         description="axes, multiplied with each other; an axis is either {key: list, ...}, lists "
         "in step with each other, or {label: {key: value, ...}, ...}; the key `base` is a config",

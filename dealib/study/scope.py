@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from dealib.config.schema import Config
 from dealib.errors import did_you_mean
 from dealib.observe import quantities
-from dealib.plots.quantities import QUANTITIES
+from dealib.results.quantities import QUANTITIES
 from dealib.study import sample
 from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression, Signature
 from dealib.study.schema import Contour, Curves, MaterialTest, Points, Shapes, Where

@@ -42,6 +42,21 @@ class Quantity:
         return self.name in MARGINS
 
     @property
+    def of_solids(self) -> bool:
+        """Whether only regions that carry stress have it."""
+        return self.field in ("second_pk_stress", "cauchy_stress")
+
+    @property
+    def of_films(self) -> bool:
+        """Whether only dielectrics that carry stress have it."""
+        return self.field in ("tension", *MARGINS) or self.name == SURFACE_CHARGE.name
+
+    @property
+    def is_electric(self) -> bool:
+        """Whether it vanishes in conductors."""
+        return self.field in ("E", "D", "maxwell_stress")
+
+    @property
     def title(self) -> str:
         """Label with the unit."""
         return f"{self.label} ({self.unit})" if self.unit else self.label
@@ -69,7 +84,7 @@ def _all() -> dict[str, Quantity]:
         Quantity("J", "Volume ratio J", "", "J"),
         Quantity("tension", "Smallest in-plane stress", "MPa", "tension"),
     ]
-    for key, (name, _) in MARGINS.items():
+    for key, (name, *_) in MARGINS.items():
         found.append(Quantity(key, f"{name.capitalize()}: use (1 is the limit)", "", key))
     for key, label, unit, field, factor in (
         ("u", "Displacement", "mm", "u", 1.0),
@@ -101,22 +116,18 @@ QUANTITIES = _all()
 SURFACE_CHARGE = Quantity("D_n", "Surface charge density D·n", "mC/m²", "D", factor=1e3)
 
 
-def quantity(name: str) -> Quantity:
+def quantity(name: str, kind: str = "field", also: tuple[Quantity, ...] = ()) -> Quantity:
     """The quantity of a name.
+
+    Args:
+        name: What the user wrote.
+        kind: What it is to the user.
+        also: Others that will do, such as `SURFACE_CHARGE`, which lives on faces only.
 
     Raises:
         ConfigError: If there is none.
     """
-    if name not in QUANTITIES:
-        raise ConfigError(f"there is no field {name!r} to draw{did_you_mean(name, QUANTITIES)}")
-    return QUANTITIES[name]
-
-
-def profile(name: str) -> Quantity:
-    """The same with D_n, which lives on the film's faces only."""
-    if name == SURFACE_CHARGE.name:
-        return SURFACE_CHARGE
-    if name not in QUANTITIES:
-        hint = did_you_mean(name, [SURFACE_CHARGE.name, *QUANTITIES])
-        raise ConfigError(f"there is no profile {name!r} to draw{hint}")
-    return QUANTITIES[name]
+    known = {q.name: q for q in also} | QUANTITIES
+    if name not in known:
+        raise ConfigError(f"there is no {kind} {name!r} to draw{did_you_mean(name, known)}")
+    return known[name]

@@ -1,0 +1,45 @@
+"""Data that lie outside what a run reaches: how many points, and what may be wrong with them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dealib.calibration.task import History, Series
+from dealib.data.compare import Comparison, compare, remedy
+from dealib.data.names import split_unit
+from dealib.errors import ConfigError
+
+LEAST = 0.5  # share of the points that must lie inside
+
+
+def inside(comparison: Comparison) -> float:
+    """Share of the points that the run reaches."""
+    return 1 - float(np.mean(comparison.beyond))
+
+
+def check_reach(series: Series, history: History) -> None:
+    """Refuse data of which most points lie outside the run.
+
+    Raises:
+        ConfigError: If so, with a hint at a change of the data that would put them inside.
+    """
+    measured = series.measured
+    x, reached = measured.columns[measured.x], history[measured.x]
+    if series.stage is not None:
+        reached = reached[history["stage"] == series.stage]
+    share = inside(compare(history, measured, series.stage, extrapolate=True)[0])
+    if share >= LEAST:
+        return
+    name, unit = split_unit(measured.x)
+    raise ConfigError(
+        f"{measured.path}: {share:.0%} of the points lie inside the run: {name} spans "
+        f"{x.min():.6g} .. {x.max():.6g} {unit}, the run's "
+        f"{reached.min():.6g} .. {reached.max():.6g} {unit}{remedy(measured.x, x, reached)}"
+    )
+
+
+def mirrored(comparison: Comparison) -> bool:
+    """Whether the measured values look like the computed ones with the opposite sign."""
+    measured, computed = comparison.measured, comparison.computed
+    size = np.linalg.norm(measured) * np.linalg.norm(computed)
+    return bool(measured @ computed < -0.7 * size)

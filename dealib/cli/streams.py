@@ -1,0 +1,67 @@
+"""Standard streams that are closed or full: no command stops in the middle of its work for them."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+from typing import Any
+
+
+class _Patient:
+    """A stream that goes nowhere once it cannot be written any more.
+
+    Attributes:
+        lost: What happened then.
+    """
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+        self.lost: OSError | None = None
+
+    def write(self, text: str) -> int:
+        """See `io.TextIOBase`."""
+        return int(self._tried(self._stream.write, text) or 0)
+
+    def flush(self) -> None:
+        """See `io.TextIOBase`."""
+        self._tried(self._stream.flush)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+    def _tried(self, method: Any, *arguments: Any) -> Any:
+        try:
+            return method(*arguments)
+        except OSError as error:
+            self.lost = error
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
+            return None
+
+
+def guard() -> None:
+    """Take care of the standard streams, before anything is opened or printed."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:  # closed: the next file would get its number, and all that is printed
+            os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
+            setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
+        stream = getattr(sys, name)
+        if number and (
+            stream is getattr(sys, f"__{name}__") or getattr(sys, f"__{name}__") is None
+        ):
+            setattr(sys, name, _Patient(stream))
+
+
+def flushed(code: int) -> int:
+    """The exit code, after what is left to print; 4 if some of it is lost.
+
+    A reader that has had enough, such as `head`, is none of our concern.
+    """
+    sys.stdout.flush()
+    lost = getattr(sys.stdout, "lost", None)
+    if lost is None or lost.errno == errno.EPIPE:
+        return code
+    print(f"dealib: cannot write to standard output: {lost.strerror}", file=sys.stderr)
+    return code or 4

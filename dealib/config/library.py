@@ -1,0 +1,103 @@
+"""A user's own library of materials: a YAML file of the form of the published one."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field, RootModel, TypeAdapter, ValidationError, field_validator
+from ruamel.yaml import YAML
+
+from dealib.config.materials import Material
+from dealib.config.messages import in_file, problem, validate
+from dealib.config.schema import Config, Name
+from dealib.config.source import Source
+from dealib.errors import ConfigError, ValueAt, did_you_mean
+from dealib.materials.laws import LAWS
+from dealib.materials.published import OWN, Entry
+from dealib.section import Section
+
+_LAW = TypeAdapter[Any](Material)
+
+
+class Own(Section):
+    """One material of a library."""
+
+    description: str = Field("", description="what it is")
+    source: str = Field("", description="where its values are from")
+    values: dict[str, Any] = Field(description="keys of a film's material, its law among them")
+
+    @field_validator("values")
+    @classmethod
+    def _lawful(cls, values: dict[str, Any]) -> dict[str, Any]:
+        if values.get("law") not in LAWS:
+            raise ValueAt(("law",), f"expected a law{did_you_mean(values.get('law'), LAWS)}")
+        try:
+            _LAW.validate_python(values)
+        except ValidationError as error:
+            item = error.errors()[0]
+            raise ValueAt(in_file(item, values), problem(item)) from None
+        return values
+
+
+class _Library(RootModel[dict[Name, Own]]):
+    """Materials by name."""
+
+
+def read_library(path: Path) -> dict[str, Entry]:
+    """The materials of a file.
+
+    Raises:
+        ConfigError: With what is wrong, and where.
+    """
+    found = validate(_Library, Source(path)).root
+    return {name: Entry(own.description, own.source, own.values) for name, own in found.items()}
+
+
+@contextmanager
+def known(path: Path | None) -> Iterator[None]:
+    """While it is open, the materials of a file are known; None: of no file."""
+    token = OWN.set({} if path is None else read_library(path))
+    try:
+        yield
+    finally:
+        OWN.reset(token)
+
+
+def of_config(source: Source) -> Path | None:
+    """The library that a config names; None if it names none.
+
+    Raises:
+        ConfigError: If there is no such file.
+    """
+    name = source.tree.get("library")
+    if not isinstance(name, str):  # none, or what the schema refuses
+        return None
+    given = Path(name).expanduser()
+    beside = source.path.parent / given
+    if not (beside.is_file() or given.is_file()):
+        problem = f"there is no file {name!r} (looked in . and {beside.parent})"
+        raise ConfigError(source.message(("library",), problem))
+    return beside if beside.is_file() else given
+
+
+def without_library(config: Config) -> Config:
+    """A config that stands alone: values of its own library are its own."""
+    materials = {n: m.model_copy(update={"library": None}) for n, m in config.materials.items()}
+    return config.model_copy(update={"library": None, "materials": materials})
+
+
+def add(path: Path, name: str, entry: Mapping[str, Any]) -> str:
+    """The text of a library with a material in addition, or in place of one of that name."""
+    yaml = YAML(typ="rt")
+    yaml.width = 100
+    yaml.preserve_quotes = True
+    tree = yaml.load(path.read_text(encoding="utf-8")) if path.is_file() else None
+    tree = {} if tree is None else tree
+    tree[name] = dict(entry)
+    out = io.StringIO()
+    yaml.dump(tree, out)
+    return out.getvalue()

@@ -1,0 +1,62 @@
+"""YAML of limited depth and size: a text of a few lines can stand for a tree of millions."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from ruamel.yaml import YAML
+from ruamel.yaml.composer import Composer, ComposerError
+from ruamel.yaml.events import AliasEvent
+
+_DEEPEST = 50
+_COPIES = 100_000  # values that aliases may add to those in the text
+
+
+class TooLarge(ComposerError):
+    """The text stands for more than it may."""
+
+
+class _Limited(Composer):
+    """Counts what each node stands for, with what its aliases repeat."""
+
+    def __init__(self, loader: Any = None) -> None:
+        super().__init__(loader)
+        self._sizes: dict[int, int] = {}  # of the nodes, by their identity
+        self._open = [0]  # sizes so far of the nodes above the present one
+        self._copies = 0
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        mark = self.parser.peek_event().start_mark
+        if self.parser.check_event(AliasEvent):
+            node = super().compose_node(parent, index)
+            size = self._sizes.get(id(node))
+            if size is None:
+                raise TooLarge(problem="a value that contains itself", problem_mark=mark)
+            self._copies += size
+        else:
+            self._open.append(1)
+            if len(self._open) > _DEEPEST + 2:
+                problem = f"more than {_DEEPEST} levels of nesting"
+                raise TooLarge(problem=problem, problem_mark=mark)
+            node = super().compose_node(parent, index)
+            size = self._sizes[id(node)] = self._open.pop()
+        self._open[-1] += size
+        if self._copies > _COPIES:
+            problem = f"the aliases up to here stand for more than {_COPIES} values"
+            raise TooLarge(problem=problem, problem_mark=mark)
+        return node
+
+
+def load(text: str, typ: Literal["rt", "safe"] = "safe") -> Any:
+    """Read YAML.
+
+    Args:
+        text: The text.
+        typ: 'rt' keeps where everything stands, 'safe' gives plain values.
+
+    Raises:
+        YAMLError, ValueError: If it is none, or too large (`TooLarge`).
+    """
+    yaml = YAML(typ=typ, pure=True)
+    yaml.Composer = _Limited
+    return yaml.load(text)

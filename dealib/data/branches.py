@@ -1,0 +1,69 @@
+"""Branches of a curve: where its abscissa turns, and where it only trembles."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+_TURN = 0.05  # of the range of x: a retreat by less is no new branch
+_MOST = 0.45  # of the range: a retreat by more always is
+_LOOKED_AT = 20_000  # blocks of which only the extremes are looked at
+
+
+def noise(x: Array) -> float:
+    """Standard deviation of the noise of a sequence, from the median of its second differences.
+
+    A slow change does not enter them, rare turns do not enter the median.
+    """
+    if len(x) < 8:
+        return 0.0
+    second = np.diff(x, 2)
+    return float(1.4826 * np.median(np.abs(second - np.median(second))) / np.sqrt(6))
+
+
+def least_turn(x: Array) -> float:
+    """Retreat of x beyond which a new branch begins.
+
+    The largest way between two of n values of normal noise is about 2 s sqrt(2 ln n).
+    """
+    reach = float(np.ptp(x))
+    of_noise = noise(x) * (1 + 2 * np.sqrt(2 * np.log(max(len(x), 2))))
+    return float(np.clip(of_noise, _TURN * reach, _MOST * reach))
+
+
+def branches(x: Array, hold: bool = True, turn: float | None = None) -> list[slice]:
+    """Pieces of an abscissa between its turning points, each of at least one point.
+
+    Args:
+        x: Abscissa, in the order of measurement.
+        hold: Points that rest at a turn end the branch before it, else they begin the next one.
+        turn: Least retreat that begins a new branch; default `least_turn`.
+    """
+    least = least_turn(x) if turn is None else turn
+    turns, extreme, direction = [0], 0, 0.0
+    looked_at = _extremes(x)
+    for i in looked_at[1:].tolist():
+        step = x[i] - x[extreme]
+        if direction == 0:
+            if abs(step) > least:
+                direction, extreme = float(np.sign(step)), i
+        elif step * direction > 0 or (hold and step == 0):
+            extreme = i
+        elif -step * direction > least:
+            turns.append(extreme)
+            direction, extreme = -direction, i
+    starts = [0, *(t + 1 for t in turns[1:])]
+    return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(x)], strict=True)]
+
+
+def _extremes(x: Array) -> npt.NDArray[np.int64]:
+    """Rows that can be turning points: all, or those that are least and largest in their block."""
+    if len(x) <= 2 * _LOOKED_AT:
+        return np.arange(len(x))
+    size = len(x) // _LOOKED_AT
+    blocks = x[: len(x) // size * size].reshape(-1, size)
+    at = np.arange(len(blocks)) * size
+    found = [at + blocks.argmin(1), at + blocks.argmax(1), np.arange(len(blocks) * size, len(x))]
+    return np.unique(np.concatenate([[0], *found]))

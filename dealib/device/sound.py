@@ -1,0 +1,91 @@
+"""Whether the cells of a mesh file fit together: what does not makes dolfinx crash, or lie."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from dealib.device.msh import TYPES, Array, Ints, MeshFile, read
+from dealib.errors import ConfigError
+
+_HEXAHEDRON = np.array(
+    [[0, 1, 3, 4], [1, 2, 0, 5], [2, 3, 1, 6], [3, 0, 2, 7]]
+    + [[4, 7, 5, 0], [5, 4, 6, 1], [6, 5, 7, 2], [7, 6, 4, 3]]
+)
+
+
+def sound_mesh(path: Path, dim: int) -> None:
+    """Read a mesh file.
+
+    Raises:
+        ConfigError: If it is none, is damaged, or its cells do not fit together.
+    """
+    if problem := fault(read(path), dim):
+        raise ConfigError(f"{path}: {problem}")
+
+
+def fault(mesh: MeshFile, dim: int = 2) -> str:
+    """What is wrong with the cells of a mesh; empty if they tile a region without gaps.
+
+    Args:
+        mesh: The mesh.
+        dim: Dimension of its cells. Volumes are looked at less closely than plane regions.
+    """
+    points = mesh.points[:, :dim]
+    kinds = [(n, n[:, : TYPES[kind][2]]) for (d, _, kind), n in mesh.elements.items() if d == dim]
+    if not kinds:
+        return f"it has no cells of {dim} dimensions"
+    used = np.unique(np.concatenate([nodes.ravel() for nodes, _ in kinds]))
+    places, counts = np.unique(points[used].round(9), axis=0, return_counts=True)
+    if (counts > 1).any():
+        return f"several nodes are {_at(places[counts > 1][0])}: what meets there is not connected"
+    for _, corners in kinds:
+        x = points[corners]
+        sizes = _turns(x) if dim == 2 else _volumes(x)
+        # all turn one way, whichever: cells may be numbered either way round
+        flat = np.flatnonzero((sizes * np.sign(sizes.sum(axis=1, keepdims=True)) <= 0).any(axis=1))
+        if len(flat):
+            return f"the cell {_at(x[flat[0]].mean(axis=0))} is flat or folded"
+    return _overlap(mesh, points, [_turned(points, c) for _, c in kinds]) if dim == 2 else ""
+
+
+def _overlap(mesh: MeshFile, points: Array, cells: list[Ints]) -> str:
+    edges = np.concatenate([_edges(nodes) for nodes in cells])  # two cells run along one both ways
+    found, counts = np.unique(edges, axis=0, return_counts=True)
+    if (counts > 1).any():
+        return f"cells overlap {_at(points[found[counts > 1][0]].mean(axis=0))}"
+    sides = {tuple(edge) for edge in np.sort(found, axis=1).tolist()}
+    for (dim, entity, _), nodes in mesh.elements.items():
+        named = dim == 1 and mesh.groups.get((1, entity))
+        for line in np.sort(nodes[:, :2], axis=1).tolist() if named else ():
+            if tuple(line) not in sides:
+                return f"the line {_at(points[line].mean(axis=0))} is no edge of a cell"
+    return ""
+
+
+def _volumes(corners: Array) -> Array:
+    """Six volumes of a tetrahedron, or of a hexahedron at each corner, (cells, 1 or 8)."""
+    frames = _HEXAHEDRON if corners.shape[1] == 8 else np.array([[0, 1, 2, 3]])
+    x = corners[:, frames]  # a corner, and its neighbours as a right-handed frame
+    return np.asarray(np.linalg.det(x[:, :, 1:] - x[:, :, :1]))
+
+
+def _turns(corners: Array) -> Array:
+    """Sine of each corner's angle times both edges, (cells, corners)."""
+    out, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    return out[..., 0] * back[..., 1] - out[..., 1] * back[..., 0]
+
+
+def _turned(points: Array, nodes: Ints) -> Ints:
+    """The cells, each counter-clockwise."""
+    clockwise = _turns(points[nodes]).sum(axis=1) < 0
+    return np.where(clockwise[:, None], nodes[:, ::-1], nodes)
+
+
+def _edges(nodes: Ints) -> Ints:
+    return np.stack([nodes, np.roll(nodes, -1, axis=1)], axis=-1).reshape(-1, 2)
+
+
+def _at(point: Array) -> str:
+    return f"at ({', '.join(f'{x:.6g}' for x in point)}) mm"

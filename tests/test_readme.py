@@ -1,0 +1,152 @@
+"""What README shows works: its commands in order, its configs, its Python, in a scratch copy.
+
+The copy's meshes are coarse, its programs short and its thesis small, so that this takes a minute.
+"""
+
+import os
+import re
+import shlex
+import shutil
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from ruamel.yaml import YAML as Reader
+
+import dealib
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+FENCED = re.findall(r"^```(\w+)\n(.*?)^```$", README, re.MULTILINE | re.DOTALL)
+YAML = [text for language, text in FENCED if language == "yaml"]
+PYTHON = [text for language, text in FENCED if language == "python"]
+INDENTED = re.findall(r"^    (\S.*)$", re.sub(r"^```.*?^```$", "", README, flags=re.M | re.S), re.M)
+COMMANDS = [
+    line.split("  #")[0].rstrip() for line in INDENTED if line.startswith(("./", ".venv/bin/"))
+]
+CHEAP = {  # no suite within the suite, no more processes than there are, a short film
+    "./test": "./test --version",
+    ".venv/bin/dealib animate runs/deap100": ".venv/bin/dealib animate runs/deap100 --seconds 0.5",
+    ".venv/bin/dealib sweep configs/my_study.yaml -j 8": (
+        ".venv/bin/dealib sweep configs/my_study.yaml -j 2"
+    ),
+}
+THESIS = ("fig04", "fig19")  # the studies of the copy's thesis
+
+
+def coarse(text):
+    """A config or study that solves a hundred times as fast."""
+    text = re.sub(r"\bcolumns: \d+", "columns: 8", text)
+    text = re.sub(r"\bfilm_rows: \d+", "film_rows: 1", text)
+    text = re.sub(r"\bsteps: (\d+)", lambda m: f"steps: {min(int(m[1]), 8)}", text)
+    text = text.replace("[50 ms, 1 s, 10 s, 100 s, 2000 s]", "[50 ms, 100 s, 2000 s]")  # of rates
+    return re.sub(r"\bair_height: \S+ mm", "air_height: 0 mm", text)
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory):
+    """A checkout whose .venv runs the code under test."""
+    root = tmp_path_factory.mktemp("readme") / "dealib"
+    root.mkdir()
+    for name in ("configs", "meshes"):
+        shutil.copytree(ROOT / name, root / name)
+    for name in ("run", "test"):
+        shutil.copy(ROOT / name, root)
+    for path in (root / "configs").rglob("*.yaml"):
+        path.write_text(coarse(path.read_text(encoding="utf-8")), encoding="utf-8")
+    for path in (root / "configs" / "thesis").glob("fig*.yaml"):
+        if path.stem not in THESIS:
+            path.unlink()
+    scripts = {
+        "setup/setup.sh": "",
+        ".venv/bin/dealib": f'exec {shlex.quote(sys.executable)} -m dealib "$@"',
+        ".venv/bin/python": f'exec {shlex.quote(sys.executable)} "$@"',
+    }
+    for name, line in scripts.items():
+        script = root / name
+        script.parent.mkdir(parents=True, exist_ok=True)
+        script.write_text(f"#!/bin/sh\n{line}\n")
+        script.chmod(script.stat().st_mode | stat.S_IXUSR)
+    (study,) = (text for text in YAML if "\nvary:" in text)
+    (root / "configs" / "my_study.yaml").write_text(coarse(study))
+    return root
+
+
+def shell(command, root):
+    """Run a line as a user does; returns the process."""
+    environment = os.environ | {
+        "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"
+    }  # fmt: skip
+    return subprocess.run(
+        command, shell=True, cwd=root, env=environment, capture_output=True, text=True, timeout=600
+    )
+
+
+def no_rendering():
+    from dealib.errors import PlatformError
+    from dealib.plots.revolved import check_rendering
+
+    try:
+        check_rendering()
+    except PlatformError:
+        return True
+    return False
+
+
+def test_commands_are_found():
+    assert len(COMMANDS) >= 25
+    for part in ("./run configs/deap100.yaml", "./test", "dealib compare", "dealib export"):
+        assert any(part in command for command in COMMANDS), part
+
+
+def test_every_command_works(copy):
+    """In order, as each may use what an earlier one has made."""
+    for given in dict.fromkeys(COMMANDS):
+        if "--revolved" in given and no_rendering():
+            continue
+        command = CHEAP.get(given, given)
+        done = shell(command, copy)
+        assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+    for file in (
+        *("runs/deap100/report.html", "runs/deap100/plots/overview.png", "comparison.png"),
+        *("runs/deap100/plots/animation-S_RR+E.mp4", "runs/thicker/history.csv"),
+        *("runs/studies/thesis/gallery.html", "runs/studies/thickness/summary.csv"),
+        *("runs/tables-tables/tables.csv", "mooney_rivlin.png", "bias_negative_rate-bias.png"),
+    ):
+        assert (copy / file).is_file(), file
+    # Python last: it reads what the commands have written
+    done = shell(shlex.join([sys.executable, "-c", "\n".join(PYTHON)]), copy)
+    assert done.returncode == 0, done.stderr[-2000:]
+
+
+def test_every_piece_of_a_config_is_valid(tmp_path):
+    (whole,) = (text for text in YAML if "\ngeometry:" in text)
+    pieces = [text for text in YAML if text != whole and "\nvary:" not in text]
+    assert len(pieces) >= 4
+    for k, text in enumerate([whole, *pieces]):
+        config, piece = (Reader(typ="safe").load(t) for t in (whole, text))
+        if isinstance(piece, list):
+            config["program"] += piece
+            config["geometry"]["air_height"] = "12 mm"  # its branch goes far
+        elif "film" in piece:
+            config["materials"]["film"] |= piece["film"]
+        else:
+            config |= piece
+        path = tmp_path / f"{k}.yaml"
+        Reader(typ="safe").dump(config, path)
+        dealib.load(path)
+
+
+def test_the_first_example_tells_what_it_does_beyond_its_limits():
+    """Numbers of README, on the shipped mesh: beyond at 2.5 kV, inside at 2.2 kV."""
+    told = dict(re.findall(r"^beyond: (\S+) (\S+) \(1 is the limit\)", README, re.MULTILINE))
+    assert set(told) == {"wrinkling", "pull-in"}
+    case = dealib.load(ROOT / "configs" / "deap100.yaml", set={"geometry.air_height": "0 mm"})
+    rows = [s.row for s in dealib.Simulation(case) if s.row["time_s"] <= 25]
+    for name, value in told.items():
+        used = [row[f"{name.replace('-', '_')}_use"] for row in rows]
+        assert max(used) == pytest.approx(float(value), abs=0.03)  # the air adds a little
+        below = [u for u, row in zip(used, rows, strict=True) if row["voltage_kV"] <= 2.2]
+        assert max(below) < 1
