@@ -126,7 +126,9 @@ def test_every_command_works(copy):
 def test_every_piece_of_a_config_is_valid(tmp_path):
     (whole,) = (text for text in YAML if "\ngeometry:" in text)
     pieces = [text for text in YAML if text != whole and "\nvary:" not in text]
-    of_data = {head: t for head in ("data:", "name: my_silicone") for t in YAML if t.startswith(head)}
+    of_data = {
+        head: t for head in ("data:", "name: my_silicone") for t in YAML if t.startswith(head)
+    }
     fit, coupon = (Reader(typ="safe").load(text) for text in of_data.values())
     example = (ROOT / "configs" / "fits" / "example.yaml").read_text(encoding="utf-8")
     Fit.model_validate(Reader(typ="safe").load(example) | fit)
