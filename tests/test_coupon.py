@@ -436,7 +436,7 @@ def test_own_library_stands_beside_the_published_one(tmp_path):
     assert config.materials["film"].values.j_lim == 20
     assert config.materials["film"].prestretch == (1.1, 1.1)
     stiffer = device(tmp_path, "{library: my_film, youngs_modulus: 1.5 MPa}")
-    assert stiffer.materials.film.values.shear_modulus == 0.5
+    assert stiffer.materials["film"].values.shear_modulus == 0.5
     assert device(tmp_path, "{library: elastosil_2030}").materials["film"].law == "yeoh"
     # the resolved config stands alone
     (tmp_path / "mine.yaml").unlink()

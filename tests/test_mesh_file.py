@@ -88,12 +88,13 @@ def test_the_mesh_of_a_run_that_is_looked_at_runs_nothing(tmp_path, monkeypatch)
     assert [p.name for p in tmp_path.iterdir()] == ["mesh.msh"]
 
 
-def written(tmp_path, **options):
+def written(tmp_path, order=1, **options):
     """The film's mesh as Gmsh writes it with some options."""
     gmsh.initialize(interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         msh.read(CONFIGS.parent / "meshes" / "film.msh").into(gmsh.model)
+        gmsh.model.mesh.setOrder(order)
         for option, value in options.items():
             gmsh.option.setNumber(f"Mesh.{option}", value)
         gmsh.write(str(tmp_path / "w.msh"))
@@ -199,8 +200,11 @@ UNSOUND = [
     ("infinite", moved(5, "1e999", 0),
      "the coordinates of a node are not finite, or beyond 1e9 mm"),
     ("a node far away", moved(5, 11.0, 0), r"the cell at \(.*\) mm is flat or folded"),
-    ("cells of another kind", FILM.replace("2 1 3 80", "2 1 9 80"),
-     "all cells must be 4-node quadrilaterals, or all 3-node triangles"),
+    ("cells of another size", FILM.replace("2 1 3 80", "2 1 9 80"),
+     r"\$Elements is shorter than it says"),
+    ("cells of another kind", FILM.replace("2 1 3 80", "2 1 7 80"),
+     "cells must be triangles, quadrilaterals, tetrahedra and hexahedra of first or second order, "
+     "not Gmsh's type 7"),
     ("no name in UTF-8", FILM.encode().replace(b'"film"', b'"f\xff\xfe"').decode("latin-1"),
      "no physical group named film; "),
 ]  # fmt: skip
@@ -210,6 +214,11 @@ UNSOUND = [
 def test_what_is_not_sound_is_refused(tmp_path, text, said):
     (tmp_path / "m.msh").write_text(text, encoding="latin-1")
     assert re.match(said, refused(tmp_path / "m.msh"))
+
+
+def test_strips_take_no_cells_of_second_order(tmp_path):
+    path = written(tmp_path, order=2)
+    assert refused(path) == "all cells must be 4-node quadrilaterals, or all 3-node triangles"
 
 
 def test_the_shipped_meshes_are_sound():
