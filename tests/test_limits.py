@@ -269,6 +269,36 @@ def test_the_estimate_is_near_what_was_measured(name, changes, unknowns, memory,
     assert found.disk / 1e6 == pytest.approx(disk, rel=0.25)
 
 
+DISC, SOLID = "devices/expanding_circle", {"geometry__space": "3d", "probes": None}
+SHEET = {"physics__model": "membrane"}
+# the same in other spaces: name, changes, unknowns, peak memory (MB)
+SPACES = [
+    (DISC, SOLID | {"mesh__columns": 16, "geometry__symmetry": "[X, Y]"}, 12324, 315),
+    (DISC, SOLID | {"mesh__columns": 8}, 38035, 648),
+    (DISC, SOLID | {"mesh__columns": 8, "mesh__film_rows": 4}, 70563, 1300),
+    (DISC, SOLID | {"mesh__columns": 16, "mesh__sectors": 12}, 78547, None),
+    (DISC, SOLID | {"mesh__columns": 8, "physics__formulation": "mixed"}, 42131, None),
+    (DISC, SOLID | {"mesh__columns": 16, "mesh__order": 1}, 6795, None),
+    (DISC, SHEET | SOLID | {"mesh__columns": 20}, 7588, 230),
+    (DISC, SHEET | SOLID | {"mesh__columns": 20, "mesh__order": 1}, 1876, None),
+    (DISC, SHEET | {"mesh__columns": 200}, 800, 216),
+    (DISC, SHEET | {"mesh__columns": 4000}, 16000, 229),
+    (DISC, SHEET | {"mesh__columns": 200, "mesh__order": 1}, 400, None),
+    (DISC, {"physics__formulation": "mixed"}, 2039, None),
+]
+
+
+@pytest.mark.parametrize(("name", "changes", "unknowns", "memory"), SPACES)
+def test_the_estimate_holds_in_other_spaces(name, changes, unknowns, memory):
+    given = {"physics__formulation": "displacement"} | changes
+    found = size(case(name, **given).config)
+    assert 0.5 < found.unknowns / unknowns < 2
+    if memory is not None:
+        assert 0.5 < found.memory / (memory * 1e6) < 2
+        known = size(case(name, **given).config, unknowns).memory / 1e6
+        assert known == pytest.approx(memory, rel=0.25)
+
+
 def test_the_estimate_knows_what_a_run_takes(strip_run):
     used = sum(f.stat().st_size for f in strip_run.directory.rglob("*") if f.is_file())
     found = size(strip_run.config, strip_run.info["unknowns"])
