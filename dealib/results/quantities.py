@@ -82,6 +82,7 @@ def _all() -> dict[str, Quantity]:
     found = [
         Quantity("phi", "Electric potential φ", "kV", "phi"),
         Quantity("J", "Volume ratio J", "", "J"),
+        Quantity("wrinkling", "Wrinkling: excess length", "", "wrinkling"),
         Quantity("tension", "Smallest in-plane stress", "MPa", "tension"),
     ]
     for key, (name, *_) in MARGINS.items():
