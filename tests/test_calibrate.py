@@ -117,7 +117,7 @@ class Lines:
     def histories(self, cases):
         found = []
         for case in cases:
-            film = case.config.materials.film
+            film = case.config.materials["film"]
             modulus = 2 * (1 + 0.5) * film.shear_modulus
             self.solved += 1
             if modulus > 5:

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 from conftest import CONFIGS, case
-from dealib.geometry.msh import read as read_mesh
 from test_bad_input import BASE, dealib  # noqa: F401 - a fixture
 
 from dealib.config import load
 from dealib.config.size import size
+from dealib.device.msh import read as read_mesh
 from dealib.errors import ConfigError
 from dealib.log import to_terminal
 from dealib.patience import patience
@@ -79,7 +79,7 @@ def test_aliases_that_are_few_are_welcome(tmp_path):
     text = BASE.replace("law: neo_hookean\n", "law: &law neo_hookean\n", 1)
     text = text.replace("law: neo_hookean", "law: *law")
     (tmp_path / "case.yaml").write_text(text)
-    assert load(tmp_path / "case.yaml").config.materials.electrode.law == "neo_hookean"
+    assert load(tmp_path / "case.yaml").config.materials["electrode"].law == "neo_hookean"
 
 
 def test_the_limits_hold_for_overrides(tmp_path):

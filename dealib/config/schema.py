@@ -189,7 +189,7 @@ class Config(Section):
         description="YAML file of materials of your own, beside this one; they are then known to "
         "`library` of a material, as the published ones are",
     )
-    geometry: Geometry
+    geometry: Geometry = Field(description="what the device is made of: by `shape`")
     regions: dict[str, str] | None = Field(
         None, description="of an own mesh: materials of regions whose names are no materials"
     )

@@ -74,7 +74,7 @@ class Log:
 
 def line(row: dict[str, Any]) -> str:
     """One step in one line: its ports and the iterations."""
-    shown = [f"{_SHORT[k.partition('.')[0]]}{_at(k)} {v:9.5f} {_unit(k)}" for k, v in _ports(row)]
+    shown = [f"{_SHORT[k.partition('.')[0]]}{_at(k)} {v:z9.5f} {_unit(k)}" for k, v in _ports(row)]
     return (
         f"step {row['step']:4d}  t {row['time_s']:9.4g} s  {row['stage']:<12.12s}"
         f"  {'  '.join(shown)}  {row['newton_iterations']:2d} it"
