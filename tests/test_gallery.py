@@ -17,12 +17,14 @@ import numpy.typing as npt
 import pandas as pd
 import pytest
 from conftest import CONFIGS, case, history
+from laminates import FILM, config, layer, rows
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq, fsolve, minimize_scalar
 from verification.references import (
     EPS0,
     annulus,
     balloon,
+    capacitor,
     circle,
     cone,
     diaphragm,
@@ -399,6 +401,40 @@ def test_stack():
             assert row["force_N"] == pytest.approx(force, rel=accuracy[1], abs=1e-9)
         flat = 10 * 3 * EPS0 * np.pi * 5**2 / 0.05 * 1e3
         assert h["capacitance_pF"].iloc[0] == pytest.approx(flat, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("width", "er", "mesh", "excess"),
+    [
+        (10, 1.0, (60, 8), 0.16),  # the homogeneous medium of Love
+        (10, 4.7, (60, 8), 0.07),
+        (1, 4.7, (160, 24), 0.5),
+    ],
+)
+def test_a_plane_capacitor_has_a_fringe_field(width, er, mesh, excess):
+    """Two strips on a sheet of 1 mm in air, far from its ends; excess: over the parallel plates."""
+    length = 6 * width if width > 1 else 20
+    within = [f"{length / 2 + side * width / 2} mm" for side in (-1, 1)]
+    faces = {"hot": "film.top", "ground": "film.bottom"}
+    given = config(
+        "strip",
+        layer(thickness="1 mm"),
+        geometry={
+            "base": {"kind": "strip", "length": f"{length} mm", "width": "10 mm"},
+            "air_height": f"{length / 2} mm",
+        },
+        materials={"film": FILM | {"relative_permittivity": er}},
+        mesh=dict(zip(("columns", "film_rows"), mesh, strict=True)),
+        holds=[{"on": ["film.bottom", "film.top"], "fix": ["X", "Z"]}],
+        terminals={
+            name: {"on": face, "within": within, "ground": name == "ground"}
+            for name, face in faces.items()
+        },
+    )
+    C = rows(given)[0]["capacitance_pF"]
+    exact = 1e3 * EPS0 * 10 * capacitor.infinite_sheet(width, 1.0, er)
+    assert pytest.approx(exact, rel=5e-3) == C
+    assert exact > (1 + excess) * 1e3 * EPS0 * 10 * er * width
 
 
 def test_the_meshes_are_what_their_script_writes(tmp_path):
