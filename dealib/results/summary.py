@@ -61,7 +61,7 @@ class Actuation:
         what: Such as 'stroke'; 'force change' of a mount that is held, 'change of tip' of a probe.
         value: Largest change.
         unit: Of it.
-        held: The port that is held, such as 'mount'; empty for none.
+        kept: What does not change meanwhile, such as 'mount held'; empty for nothing.
     """
 
     stage: str
@@ -69,11 +69,12 @@ class Actuation:
     what: str
     value: float
     unit: str
-    held: str = ""
+    kept: str = ""
 
 
-_LEAST = 1e-6  # mm, kPa, mm^3: a port that moves less is held
-_STROKE = {MOUNT: "stroke", CHAMBER: "pressure change"}
+_LEAST = 1e-6  # mm, kPa: a port whose value changes less is kept
+# by kind: name of a change of the value, and what is said where there is none
+_STROKE = {MOUNT: ("stroke", "mount held"), CHAMBER: ("pressure change", "pressure constant")}
 
 
 def actuations(run: Run) -> list[Actuation]:
@@ -98,13 +99,14 @@ def actuations(run: Run) -> list[Actuation]:
         for port in (p for kind in _STROKE for p in device.of(kind)):
             primal, dual = (port.column(v) for v in port.kind.variables)
             of = f" of {port.name}" if port.suffix else ""
+            stroke, kept = _STROKE[port.kind]
             drive, told = driven[k][port.name], (titles[k], peak)
             if drive == port.kind.primal.name:
                 if change(primal) < _LEAST:
                     what, unit = f"{port.kind.dual.name} change{of}", port.kind.dual.unit
-                    found.append(Actuation(*told, what, change(dual), unit, port.kind.name))
+                    found.append(Actuation(*told, what, change(dual), unit, kept))
             elif drive != "path":
-                what, unit = _STROKE[port.kind] + of, port.kind.primal.unit
+                what, unit = stroke + of, port.kind.primal.unit
                 found.append(Actuation(*told, what, change(primal), unit))
         found += [
             Actuation(titles[k], peak, f"change of {c.quantity.label}", change(c.name), c.unit)
