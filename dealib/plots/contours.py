@@ -141,7 +141,7 @@ def scale(
     extend = _EXCEEDED[least < low - 0.02 * size, most > high + 0.02 * size]
     if min(-low, high) > 0.15 * size:
         return Scale(TwoSlopeNorm(0, *(limits or (-size, size))), look.diverging, extend)
-    if high - low < 1e-6 * size:
+    if high - low < 1e-3 * size:
         low, high = low - 0.05 * size, high + 0.05 * size
     return Scale(Normalize(low, high), look.sequential, extend)
 

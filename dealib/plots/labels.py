@@ -57,7 +57,8 @@ def split(column: str) -> tuple[str, str]:
     unit = re.sub(r"^u|(?<=/)u", "µ", unit.replace("_per_", "/"))
     unit = re.sub("(?<=m)[23]", lambda power: "²³"[int(power[0]) - 2], unit)
     name = _NAMES.get(name, name[:1].upper() + name[1:].replace("_", " "))
-    return plain(f"{name} of {' and '.join(ports)}" if ports else name), unit
+    of = " and ".join(dict.fromkeys(ports))  # a pair of one port with itself is of this port
+    return plain(f"{name} of {of}" if of else name), unit
 
 
 def label(column: str) -> str:

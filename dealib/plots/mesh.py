@@ -130,7 +130,6 @@ def _outer(cells: Array) -> Array:
 
 def _legend(figure: Any, parts: Parts, colours: dict[str, str]) -> None:
     ink = plt.rcParams["axes.edgecolor"]
-    patches = [
-        Patch(fc=colours[name], ec=ink, label=plain(name.replace(JOIN, ", "))) for name in parts
-    ]
+    named = {name: ", ".join(n for n in name.split(JOIN) if "." not in n) or name for name in parts}
+    patches = [Patch(fc=colours[k], ec=ink, label=plain(name)) for k, name in named.items()]
     figure.legend(handles=patches, loc="outside lower center", ncols=min(len(patches), 6))

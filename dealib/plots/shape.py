@@ -159,12 +159,12 @@ class Shape:
 
     @cached_property
     def core(self) -> Strip | None:
-        """The layer of a laminate in a plane that reaches from end to end; None without."""
+        """The middle one of a laminate's layers in a plane that reach from end to end, if any."""
         if self.laminate is None:
             return None
         strips = [Strip(self.mesh, name, self.section.across) for name in self.layers]
-        longest = max(strips, key=lambda strip: strip.length)
-        return longest if longest.length > 0.999 * self.length else None
+        whole = [strip for strip in strips if strip.length > 0.999 * self.length]
+        return whole[len(whole) // 2] if whole else None
 
     @property
     def middle(self) -> tuple[Array, Array]:

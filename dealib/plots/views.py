@@ -56,7 +56,7 @@ def draw_field(shape: Shape, what: Quantity, look: Theme) -> Any:
 
 
 def draw_solid(shape: Shape, what: Quantity, look: Theme) -> Any:
-    """Draw a device in space at one step: deformed, and cut in half to look inside.
+    """Draw a device in space at one step: deformed, half of its conductors taken off; and cut.
 
     Raises:
         PlatformError: If the machine cannot render.
@@ -64,10 +64,13 @@ def draw_solid(shape: Shape, what: Quantity, look: Theme) -> Any:
     check_rendering()
     values, factor = shape.values(what), magnification(shape)
     colours = scale(shape, values, look, what)
-    whole = bodies(shape, what, shape.moved(factor), values)
-    y = np.concatenate([body.points for body, _ in whole])[:, 1]
+    every = bodies(shape, what, shape.moved(factor), values)
+    y = np.concatenate([body.points for body, _ in every])[:, 1]
     centre = (0, (y.min() + y.max()) / 2 + 1e-6 * np.ptp(y), 0)
-    cut = [(body.clip("y", origin=centre, invert=False), colour) for body, colour in whole]
+    cut = [(body.clip("y", origin=centre, invert=False), colour) for body, colour in every]
+    cut = [(body, colour) for body, colour in cut if body.n_cells]
+    # what has no values covers one half only
+    whole = [part for part in every if not part[1]] + [part for part in cut if part[1]]
     figure, axes = plt.subplots(1, 2, figsize=(13, 5.2), layout="constrained")
     for axis, seen, title in zip(
         axes, (whole, cut), (scale_note(factor), "cut in half"), strict=True
@@ -240,29 +243,31 @@ def draw_revolved(shape: Shape, what: Quantity, look: Theme) -> Any:
 
 
 def _turned(shape: Shape, values: Array) -> Bodies:
-    """The layers, and discs for what holds a laminate at its ends."""
+    """The layers, and discs for what holds the ends of a flat laminate."""
     factor = magnification(shape)
     moved, start = shape.moved(factor), 0
-    seen, found = False, []
+    seen, found, step = False, [], min(_STEP, _ANGLE / 2 / len(shape.layers))
     for k, name in enumerate(shape.layers):
         part = Sampler.of(shape.mesh, (name,), n=shape.strips.n)
         own = slice(start, start + len(part.points))
         start = own.stop
         empty = bool(np.isnan(values[own]).any())
-        angle = _PLAIN_ANGLE if empty and seen else max(_ANGLE - _STEP * k, 2 * _PLAIN_ANGLE)
+        angle = _PLAIN_ANGLE if empty and seen else _ANGLE - step * k
         seen = seen or not empty
         body = _revolve(moved[own], part.triangles, values[own], angle)
         found.append((body, _PLAIN if empty else ""))
+    device = shape.run.config.device
     base = None if shape.laminate is None else shape.laminate.base
     if base is None or base.along != "R" or shape.core is None:
         return found
+    held = {support.where for support in device.supports if support.quantity == "Z"}
     R, middle = shape.middle
     half, width = factor * shape.thickness, 0.1 * R[-1]
     for end, left, right, z in (
         (base.ends[0], 1e-6 * R[-1], R[0], middle[0, 1]),
         (base.ends[1], R[-1], R[-1] + width, middle[-1, 1]),
     ):
-        if end:
+        if end in held:
             corners = np.array(
                 [[left, z - half], [right, z - half], [right, z + half], [left, z + half]]
             )

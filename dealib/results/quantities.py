@@ -143,4 +143,4 @@ def main_stress(device: Device) -> str:
     """Name of the stress along the layers, or along the first axis."""
     axes = device.kinematics.axes
     along = axes[0] if device.laminate is None else device.laminate.base.along
-    return f"S_{2 * along}"
+    return f"S_{2 * (along if along in axes else axes[0])}"

@@ -54,7 +54,7 @@ def _locate(mesh: ResultMesh, cells: Ints, points: Array) -> tuple[Ints, Array]:
         reached = np.einsum("pn,pni->pi", N, corners[cell])
         slope = np.einsum("pnj,pni->pij", dN, corners[cell])
         at = at + np.linalg.solve(slope, (points[point] - reached)[..., None])[..., 0]
-    outside = np.maximum(-at.min(axis=1), at.max(axis=1) - 1)
+    outside = np.maximum(-at, at - 1).clip(min=0).sum(axis=1)
     if mesh.cell.corners == 3:
         outside = np.maximum(outside, at.sum(axis=1) - 1)
     order = np.lexsort((outside, point))

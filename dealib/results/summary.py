@@ -81,7 +81,7 @@ def values_told(run: Run, row: Any, digits: int = 4) -> str:
         column = known[name]
         symbol = SYMBOLS.get(name.partition(".")[0])
         of = "".join(f" of {port.name}" for port in column.ports if port.suffix)
-        value = f"{neat(row[name], digits)} {column.unit}".rstrip()
+        value = f"{neat(row[name], digits)} {column.unit.replace('mm3', 'mm³')}".rstrip()
         found.append(f"{symbol + of if symbol else column.label} = {value}")
     return ", ".join(found).replace("-", "−")
 
