@@ -65,12 +65,7 @@ def draw_solid(shape: Shape, what: Quantity, look: Theme) -> Any:
     values, factor = shape.values(what), magnification(shape)
     colours = scale(shape, values, look, what)
     every = bodies(shape, what, shape.moved(factor), values)
-    y = np.concatenate([body.points for body, _ in every])[:, 1]
-    centre = (0, (y.min() + y.max()) / 2 + 1e-6 * np.ptp(y), 0)
-    cut = [(body.clip("y", origin=centre, invert=False), colour) for body, colour in every]
-    cut = [(body, colour) for body, colour in cut if body.n_cells]
-    # what has no values covers one half only
-    whole = [part for part in every if not part[1]] + [part for part in cut if part[1]]
+    whole, cut = _opened(every), _half(every)
     figure, axes = plt.subplots(1, 2, figsize=(13, 5.2), layout="constrained")
     for axis, seen, title in zip(
         axes, (whole, cut), (scale_note(factor), "cut in half"), strict=True
@@ -81,6 +76,19 @@ def draw_solid(shape: Shape, what: Quantity, look: Theme) -> Any:
     colours.bar(figure, what.title, ax=list(axes), shrink=0.8, pad=0.01)
     figure.suptitle(plain(f"{shape.run.title}, {shape.when}"), fontsize="medium")
     return figure
+
+
+def _half(every: Bodies) -> Bodies:
+    """The half of bodies that is farther along Y."""
+    y = np.concatenate([body.points for body, _ in every])[:, 1]
+    centre = (0, (y.min() + y.max()) / 2 + 1e-6 * np.ptp(y), 0)
+    cut = [(body.clip("y", origin=centre, invert=False), colour) for body, colour in every]
+    return [(body, colour) for body, colour in cut if body.n_cells]
+
+
+def _opened(every: Bodies) -> Bodies:
+    """Bodies of which those without values cover one half only."""
+    return [part for part in every if not part[1]] + [part for part in _half(every) if part[1]]
 
 
 def bodies(shape: Shape, what: Quantity, x: Array, values: Array) -> Bodies:
@@ -151,8 +159,7 @@ def picture(
         )  # fmt: skip
     plotter.camera_position = [_ABOVE, (0, 0, 0), (0, 0, 1)]
     plotter.reset_camera(bounds=within)
-    if within is None:
-        plotter.camera.zoom(1.4)
+    plotter.camera.zoom(1.4 if within is None else 1.7)
     plotter.enable_anti_aliasing("ssaa")
     found = np.asarray(plotter.screenshot(None, return_img=True))
     plotter.close()
@@ -214,7 +221,7 @@ class Scene:
 
     def move(self, x: Array, values: Array) -> None:
         """Put the points elsewhere, with new values."""
-        seen = bodies(*self._of, x, values)
+        seen = _opened(bodies(*self._of, x, values))
         self._image.set_data(picture(seen, *self._style, self._within))
 
 

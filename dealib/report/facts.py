@@ -39,6 +39,9 @@ _MOST_LAYERS = 6  # that are told one by one
 _QUANTITY = re.compile(r"([-+]?[\d.]+(?:e[-+]?\d+)?) (\S+)")
 
 
+_SMALLER = {"mm": "µm", "MPa": "kPa"}
+
+
 def text(value: Any) -> str:
     """A value of the config for the eye: '0.03 mm' is '30 µm'."""
     if isinstance(value, bool):
@@ -57,8 +60,8 @@ def text(value: Any) -> str:
     if found is None:
         return str(value)
     number, unit = float(found[1]), found[2]
-    if unit == "mm" and 0 < abs(number) < 0.1:
-        number, unit = 1e3 * number, "µm"
+    if unit in _SMALLER and 0 < abs(number) < 0.1:
+        number, unit = 1e3 * number, _SMALLER[unit]
     return f"{number:.6g} {unit.replace('uC', 'µC')}".replace("-", "−")
 
 
@@ -85,7 +88,10 @@ def device(config: Config) -> dict[str, Rows]:
     ports = [(_title(port), _held(port)) for port in config.device.ports]
     if ports:
         found["Ports"] = ports
-    return found | {"Physics": rows(config.physics), "Mesh": rows(config.mesh)}
+    if config.regions:
+        found["Geometry"].append(("regions", text(config.regions)))
+    mesh = [("order", str(config.mesh.order))] if laminate is None else rows(config.mesh)
+    return found | {"Physics": rows(config.physics), "Mesh": mesh}
 
 
 def _layers(laminate: Laminate) -> Rows:
@@ -161,7 +167,7 @@ def headline(run: Run) -> list[tuple[str, str]]:
     found += [_range(h, known[name]) for name in own]
     found.append((f"{h['field_max_MV_per_m'].max():.4g} MV/m", "peak field"))
     found.append((f"{h['thickness_stretch_min'].min():.4f}", "smallest thickness stretch"))
-    return found
+    return [(value.replace("mm3", "mm³"), name) for value, name in found]
 
 
 def _range(history: Any, column: Column) -> tuple[str, str]:
