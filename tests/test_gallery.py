@@ -461,4 +461,4 @@ def test_two_ranks_give_the_same_history(name, tmp_path):
     assert one["stage"].tolist() == other["stage"].tolist()
     for column in one.columns.drop(["stage", "newton_iterations"]):
         size = one[column].abs().max()
-        print(column, size, (one[column]-other[column]).abs().max()/(size or 1))
+        print(column, size, (one[column] - other[column]).abs().max() / (size or 1))

@@ -85,7 +85,7 @@ class Column:
     @property
     def label(self) -> str:
         """In pictures and tables, such as 'displacement of plate'."""
-        names = [port.name for port in self.ports if port.suffix]
+        names = dict.fromkeys(port.name for port in self.ports if port.suffix)
         return f"{self.quantity.label} of {' and '.join(names)}" if names else self.quantity.label
 
     def measure(self, s: Snapshot) -> float:
