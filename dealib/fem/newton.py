@@ -140,9 +140,12 @@ class Newton:
         """Small-signal capacitance of the one terminal at 0 V with the body frozen, nF.
 
         One back-substitution with the last tangent gives a trial potential for a unit test
-        voltage; the electric energy is stationary in it, so its error enters squared.
+        voltage; the electric energy is stationary in it, so its error enters squared. Of a sheet,
+        whose layers have no potential of their own, it is the derivative of its charge.
         """
         system, problem = self.system, self.system.problem
+        if problem.sheet is not None:
+            return -problem.integrate(f"corner {port} {port}")
         q = system.q
         if not self._factored:
             system.residual(q, system.residual_vector)
