@@ -306,9 +306,7 @@ def test_the_estimate_knows_what_a_run_takes(strip_run):
     assert found.steps == strip_run.info["steps"]
     own = case("own_mesh").config
     cells = size(own).unknowns / 11
-    true = sum(
-        len(c) for parts in read_mesh(Path(own.mesh.file)).surfaces().values() for c in parts
-    )
+    true = sum(len(c) for parts in read_mesh(Path(own.mesh.file)).cells(2).values() for c in parts)
     assert cells == pytest.approx(true, rel=0.4)
 
 

@@ -108,7 +108,7 @@ def test_both_formats_of_text_give_the_same_device(tmp_path, version):
     found = msh.read(written(tmp_path, MshFileVersion=version))
     whole = msh.read(CONFIGS.parent / "meshes" / "film.msh")
     assert sorted(found.names.values()) == ["film", "film_bottom", "film_top", "inner", "outer"]
-    (cells,), (wanted,) = found.surfaces()["film"], whole.surfaces()["film"]
+    (cells,), (wanted,) = found.cells(2)["film"], whole.cells(2)["film"]
     assert np.array_equal(cells, wanted)
     (last,) = dealib.Simulation(own(tmp_path / "w.msh"))
     (also,) = dealib.Simulation(own(CONFIGS.parent / "meshes" / "film.msh"))

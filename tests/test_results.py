@@ -233,10 +233,10 @@ def test_stages_of_one_name_are_told_apart_and_the_mount_decides_what_is_told(tm
         "up (1)", "up (2)", "let go", "up (3)"
     )  # fmt: skip
     for held, change in ((one, F[4] - F[2]), (two, F[6] - F[4])):
-        assert (held.what, held.unit, held.held) == ("force change", "N", "mount")
+        assert (held.what, held.unit, held.kept) == ("force change", "N", "mount held")
         assert held.value == pytest.approx(change)
     for moving, change in ((free, abs(u[8:12] - u[7]).max()), (three, abs(u[14] - u[11]))):
-        assert (moving.what, moving.unit, moving.held) == ("stroke", "mm", "")
+        assert (moving.what, moving.unit, moving.kept) == ("stroke", "mm", "")
         assert moving.value == pytest.approx(change)
     text = CliRunner().invoke(app, ["info", str(run.directory)]).stdout
     assert f"force change in 'up (2)'  {F[6] - F[4]:.5g} N at up to 2 kV (mount held)" in text

@@ -29,8 +29,8 @@ def summary(run: Run) -> str:
     mounts = {v.name for kind in (MOUNT, CHAMBER) for v in kind.variables}
     rows = [(c.label, _range(h, c)) for c in known if c.quantity.label in mounts or c.probe]
     for a in actuations(run):
-        held = f" ({a.held} held)" if a.held else ""
-        value = f"{neat(a.value)} {a.unit} at up to {a.peak_voltage:.4g} kV{held}"
+        kept = f" ({a.kept})" if a.kept else ""
+        value = f"{neat(a.value)} {a.unit} at up to {a.peak_voltage:.4g} kV{kept}"
         rows.append((f"{a.what} in {a.stage!r}", value))
     for point in critical_points(run):
         rows.append((f"{point.name} in {point.stage!r}", point.text))

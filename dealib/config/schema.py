@@ -80,10 +80,10 @@ class Physics(Section):
         "where they would be pressed",
     )
     slack_stiffness: float = Field(
-        1e-4,
+        1e-3,
         gt=0,
         le=0.1,
-        description="share of a film's stiffness that it keeps where it wrinkles",
+        description="share of the stiffness that is left where it wrinkles",
     )
     formulation: Literal["displacement", "mixed"] = Field(
         "displacement",

@@ -10,8 +10,10 @@ from dealib.device.msh import TYPES, Array, Ints, MeshFile, read
 from dealib.errors import ConfigError
 
 _HEXAHEDRON = np.array(
-    [[0, 1, 3, 4], [1, 2, 0, 5], [2, 3, 1, 6], [3, 0, 2, 7]]
-    + [[4, 7, 5, 0], [5, 4, 6, 1], [6, 5, 7, 2], [7, 6, 4, 3]]
+    [
+        *([0, 1, 3, 4], [1, 2, 0, 5], [2, 3, 1, 6], [3, 0, 2, 7]),
+        *([4, 7, 5, 0], [5, 4, 6, 1], [6, 5, 7, 2], [7, 6, 4, 3]),
+    ]
 )
 # ends of the sides in the order of their middle nodes, by dimension and number of corners
 _SIDES = {

@@ -128,7 +128,8 @@ class Domain:
         """Sizes of the box around the solids: its smallest side, its longest, what lies between."""
         x = self.mesh.geometry.x[np.unique(compat.cell_nodes(self.mesh)[self.solids])]
         ends = np.array([x.max(axis=0), -x.min(axis=0)]) if len(x) else np.full((2, 3), -np.inf)
-        high, low = self.comm.allreduce(ends, op=MPI.MAX) * np.array([[1], [-1]])
+        self.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+        high, low = ends * np.array([[1], [-1]])
         sides = np.sort((high - low)[: self.dim])
         device = self.device.kinematics
         width = device.multiple * (high[0] if device.revolved else 1.0)

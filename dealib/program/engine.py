@@ -129,7 +129,7 @@ class Engine:
         self.predictor.restore(saved.values["predictor"], known)
 
     def plain(self) -> dict[str, Any]:
-        """What a checkpoint holds besides the states."""
+        """What a checkpoint holds besides the states (collective)."""
         free, of = self.problem.values, self.newton.system.map.port_values
         ports = [  # of those that no degree of freedom follows
             {name: value for name, value in of(known.q).items() if name in free} if free else {}

@@ -44,11 +44,10 @@ class Recorder:
         """See `Observer`."""
         begin = time.perf_counter()
         stored = self._wanted == "every" or (self._wanted == "stage" and state.end_of_stage)
-        nodal, internal = state.nodal(), state.internal()
+        nodal, internal, values = state.nodal(), state.internal(), state.engine.plain()
         if self._writer is not None:
             viscosity = state.engine.viscosity
             at_gauss = None if viscosity is None else viscosity.at_points(internal)
-            values = state.engine.plain()
             self._writer.add(Record(state.row, nodal, stored, values, MEMORY, internal, at_gauss))
         self._timings["output"] += time.perf_counter() - begin
 

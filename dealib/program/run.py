@@ -28,6 +28,7 @@ from dealib.program.turns import alone
 from dealib.results import store
 from dealib.results.beside import Beside
 from dealib.results.reader import Run
+from dealib.results.summary import SYMBOLS
 from dealib.results.writer import StepWriter
 from dealib.versions import versions
 
@@ -74,25 +75,15 @@ class Log:
 
 def line(row: dict[str, Any]) -> str:
     """One step in one line: its ports and the iterations."""
-    shown = [f"{_SHORT[k.partition('.')[0]]}{_at(k)} {v:z9.5f} {_unit(k)}" for k, v in _ports(row)]
+    shown = [f"{SYMBOLS[k.partition('.')[0]]}{_at(k)} {v:z9.5f} {_unit(k)}" for k, v in _ports(row)]
     return (
         f"step {row['step']:4d}  t {row['time_s']:9.4g} s  {row['stage']:<12.12s}"
         f"  {'  '.join(shown)}  {row['newton_iterations']:2d} it"
     )
 
 
-_SHORT = {
-    "displacement_mm": "u",
-    "force_N": "F",
-    "voltage_kV": "V",
-    "charge_uC": "Q",
-    "pressure_kPa": "p",
-    "volume_mm3": "vol",
-}
-
-
 def _ports(row: dict[str, Any]) -> list[tuple[str, float]]:
-    return [(k, v) for k, v in row.items() if k.partition(".")[0] in _SHORT]
+    return [(k, v) for k, v in row.items() if k.partition(".")[0] in SYMBOLS]
 
 
 def _at(column: str) -> str:

@@ -51,6 +51,41 @@ def moment(run: Run, row: Mapping[str, Any] | pandas.Series[Any]) -> str:
     return f"step {row['step']}{time}, {row['stage']}"
 
 
+SYMBOLS = {
+    "displacement_mm": "u",
+    "force_N": "F",
+    "voltage_kV": "V",
+    "charge_uC": "Q",
+    "pressure_kPa": "p",
+    "volume_mm3": "vol",
+}
+
+
+def motion(run: Run) -> list[str]:
+    """Up to two columns of what a device does: of its first mount, chamber, or of two probes."""
+    for port in (p for kind in (MOUNT, CHAMBER) for p in run.config.device.of(kind)):
+        return [port.column(variable) for variable in port.kind.variables]
+    return [c.name for c in columns(run.config).values() if c.probe and c.name in run.history][:2]
+
+
+def drive(run: Run) -> str:
+    """Column of the first terminal's voltage; without terminals that of the elastic energy."""
+    terminals = run.config.device.of(TERMINAL)
+    return terminals[0].column(TERMINAL.primal) if terminals else "elastic_energy_mJ"
+
+
+def values_told(run: Run, row: Any, digits: int = 4) -> str:
+    """Motion and drive of a state: 'u = -3 mm, F = -0.8133 N, V = 2.5 kV'."""
+    known, found = columns(run.config), []
+    for name in dict.fromkeys([*motion(run), drive(run)]):
+        column = known[name]
+        symbol = SYMBOLS.get(name.partition(".")[0])
+        of = "".join(f" of {port.name}" for port in column.ports if port.suffix)
+        value = f"{neat(row[name], digits)} {column.unit.replace('mm3', 'mm³')}".rstrip()
+        found.append(f"{symbol + of if symbol else column.label} = {value}")
+    return ", ".join(found).replace("-", "−")
+
+
 @dataclass(frozen=True)
 class Actuation:
     """What the voltage did to one quantity in one stage, against the state just before it.
@@ -61,7 +96,7 @@ class Actuation:
         what: Such as 'stroke'; 'force change' of a mount that is held, 'change of tip' of a probe.
         value: Largest change.
         unit: Of it.
-        held: The port that is held, such as 'mount'; empty for none.
+        kept: What does not change meanwhile, such as 'mount held'; empty for nothing.
     """
 
     stage: str
@@ -69,11 +104,12 @@ class Actuation:
     what: str
     value: float
     unit: str
-    held: str = ""
+    kept: str = ""
 
 
-_LEAST = 1e-6  # mm, kPa, mm^3: a port that moves less is held
-_STROKE = {MOUNT: "stroke", CHAMBER: "pressure change"}
+_LEAST = 1e-6  # mm, kPa: a port whose value changes less is kept
+# by kind: name of a change of the value, and what is said where there is none
+_STROKE = {MOUNT: ("stroke", "mount held"), CHAMBER: ("pressure change", "pressure constant")}
 
 
 def actuations(run: Run) -> list[Actuation]:
@@ -98,13 +134,14 @@ def actuations(run: Run) -> list[Actuation]:
         for port in (p for kind in _STROKE for p in device.of(kind)):
             primal, dual = (port.column(v) for v in port.kind.variables)
             of = f" of {port.name}" if port.suffix else ""
+            stroke, kept = _STROKE[port.kind]
             drive, told = driven[k][port.name], (titles[k], peak)
             if drive == port.kind.primal.name:
                 if change(primal) < _LEAST:
                     what, unit = f"{port.kind.dual.name} change{of}", port.kind.dual.unit
-                    found.append(Actuation(*told, what, change(dual), unit, port.kind.name))
+                    found.append(Actuation(*told, what, change(dual), unit, kept))
             elif drive != "path":
-                what, unit = _STROKE[port.kind] + of, port.kind.primal.unit
+                what, unit = stroke + of, port.kind.primal.unit
                 found.append(Actuation(*told, what, change(primal), unit))
         found += [
             Actuation(titles[k], peak, f"change of {c.quantity.label}", change(c.name), c.unit)

@@ -21,6 +21,7 @@ faces is l1 dW/dl1 - eps e^2 in its plane.
 | `circle` | expanding circle |
 | `annulus` | annular membrane with a rigid disc, and its linear limit |
 | `diaphragm` | circular diaphragm under pressure and voltage |
+| `cone` | preformed cone pulled by its plate |
 | `meridian` | the equations of those three |
 | `tube`, `balloon` | thick tube; spherical balloon, thick and thin, with its motion |
 | `unimorph` | bending of two layers |
