@@ -9,15 +9,17 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from dealib.config.schema import Config
 from dealib.device import msh, own_mesh, own_strips, sheet, solid, sound
 from dealib.device.laminate import JOIN
 from dealib.device.shapes import AnnularStrips, MeshShape
 from dealib.errors import ConfigError
 from dealib.files import whole
 from dealib.patience import patience
+
+if TYPE_CHECKING:
+    from dealib.config.schema import Config
 
 
 @contextmanager

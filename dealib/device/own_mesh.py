@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import logging
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dealib.config.schema import Config
 from dealib.device.shapes import MeshShape
 from dealib.errors import ConfigError
 from dealib.units import factor
+
+if TYPE_CHECKING:
+    from dealib.config.schema import Config
 
 log = logging.getLogger(__name__)
 

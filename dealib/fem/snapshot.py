@@ -22,7 +22,7 @@ from dealib.fem.viscous import Viscosity
 from dealib.results import local
 from dealib.results.electrodes import Rings
 from dealib.results.elements import Array
-from dealib.results.margins import Film, principal_stretch
+from dealib.results.margins import Film, principal_stretch, smallest
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,11 @@ class FilmState:
     def tensions(self) -> Array:
         """In-plane true stresses, averaged through the thickness of a layer (collective)."""
         return self.points.tensions(self.k, self._nodal, self._internal)
+
+    @property
+    def smallest_tension(self) -> Array:
+        """Smaller principal value of the in-plane stresses."""
+        return smallest(self.tensions)
 
     @property
     def thickness_stretch(self) -> Array:

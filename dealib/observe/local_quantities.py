@@ -42,12 +42,11 @@ class Here:
     @property
     def elastic(self) -> Array:
         """True stress of the material, MPa; zero in air and rigid blocks."""
-        from dealib.results.local import cauchy
-
         if self.material.law is None:
             return np.zeros_like(self.k.F)
         S = self.material.elastic_stress(self.k, self.pressure, self.internal)
-        return cauchy(self.k.F, S)
+        F, J = self.k.F, self.k.J[..., None, None]
+        return np.asarray(F @ S @ np.swapaxes(F, -1, -2) / J)
 
     @property
     def electric(self) -> Array:

@@ -149,9 +149,7 @@ def _thickness(s: Snapshot) -> float:
 
 
 def _tension(s: Snapshot) -> float:
-    from dealib.results.margins import smallest
-
-    return -float(s.largest(-smallest(f.tensions) for f in s.states))
+    return -float(s.largest(-f.smallest_tension for f in s.states))
 
 
 def _breakdown(s: Snapshot) -> float:

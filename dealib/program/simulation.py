@@ -10,13 +10,13 @@ from mpi4py import MPI
 from dealib.config.bias import Sampled, SecondFilm
 from dealib.config.case import Case
 from dealib.config.program import Stage
-from dealib.program import stages
 from dealib.program.bias import second_film
 from dealib.program.engine import Engine
 from dealib.program.history import History, State
 from dealib.program.increments import StageClock
 from dealib.program.inputs import drives
 from dealib.program.progress import Progress
+from dealib.program.stages import follow, prestrain, ramp
 from dealib.program.turns import alone
 from dealib.results.checkpoint import Checkpoint
 
@@ -85,14 +85,14 @@ class Simulation:
         first, *others = self._stages
         engine, history = self.engine, self._history
         if self.progress.step < 0:
-            yield from stages.prestrain(engine, history, first)
+            yield from prestrain(engine, history, first)
         for index, stage in enumerate(others, start=1):
             if self.progress.ended:
                 return
             if index > self.progress.stage:
                 self._begin(index, stage)
             if index == self.progress.stage and not self.progress.over:
-                run = stages.ramp if stage.follow is None else stages.follow
+                run = ramp if stage.follow is None else follow
                 yield from run(engine, history, stage)
 
     def _begin(self, index: int, stage: Stage) -> None:
