@@ -327,3 +327,48 @@ def test_what_no_solver_takes_is_named(tmp_path):
     (tmp_path / "m.msh").write_text(text.replace("\n3 1 4 ", "\n3 1 7 "))
     with pytest.raises(ConfigError, match="cells must be triangles, quadrilaterals, tetrahedra"):
         msh.read(tmp_path / "m.msh")
+
+
+FREE = """\
+name: free
+geometry: {shape: mesh, file: m.msh, space: 3d}
+materials:
+  block: {law: neo_hookean, shear_modulus: 1 MPa, bulk_modulus: 2 GPa, relative_permittivity: 3.0}
+physics: {formulation: mixed}
+terminals: {hot: {on: high}, ground: {on: low, ground: true}}
+mounts: {plate: {on: right, along: X, free: [Y, Z]}}
+holds: [{on: left, fix: X}, {on: front, fix: Y}, {on: low, fix: Z}]
+program:
+  - {stage: release, mount: {force: 0 N}}
+  - {stage: actuate, terminal: {voltage: 100 kV}, steps: 2}
+"""
+
+
+def named(hexahedra):
+    """The block with names for its sides."""
+
+    def build(model):
+        dim = block(hexahedra)(model)
+        for face, name in enumerate(("left", "right", "front", "back", "low", "high"), start=1):
+            model.addPhysicalGroup(2, [face], name=name)
+        return dim
+
+    return build
+
+
+@pytest.mark.parametrize("kind", [k for k in SOLID if k != "20-node hexahedra"])
+def test_a_free_block_of_any_solid_cells_is_that_of_the_closed_form(tmp_path, kind):
+    """Incompressible neo-Hooke, free in the plane: eps E0^2 = G (1 - l^-6) / l^2."""
+    hexahedra, order, incomplete = SOLID[kind]
+    written(tmp_path / "m.msh", named(hexahedra), order, incomplete)
+    end = solved(tmp_path, FREE)[-1]
+    l = 1 + end["displacement_mm"] / 2
+    field = EPSILON_0 * 3 * 100**2
+    assert (1 - l**-6) / l**2 == pytest.approx(field, rel=2e-3)
+    assert end["charge_uC"] == pytest.approx(EPSILON_0 * 3 * 4 * 100 * l**4, rel=1e-3)
+
+
+def test_hexahedra_of_twenty_nodes_are_refused_with_what_to_do(tmp_path):
+    written(tmp_path / "m.msh", named(hexahedra=True), 2, 1)
+    with pytest.raises(ConfigError, match="need 27 nodes: in Gmsh Mesh.SecondOrderIncomplete = 0"):
+        solved(tmp_path, FREE)

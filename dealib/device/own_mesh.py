@@ -20,6 +20,8 @@ log = logging.getLogger(__name__)
 # make; the last node of a second-order quadrilateral is its centre
 _TRIANGLES = {3: 2, 6: 9}
 _QUADS = {4: 3, 8: 16, 9: 10}
+_SOLIDS = {4: 4, 10: 11, 8: 5, 27: 12}  # tetrahedra and hexahedra, alike
+_FIRST_ORDER = {2, 3, 4, 5}
 _AXIS = 1e-9  # how far rounding may put nodes beyond the axis, of the largest radius
 _SPLIT = {4: [[0, 1, 2], [0, 2, 3]], 9: [[0, 1, 2, 4, 5, 8], [0, 2, 3, 8, 6, 7]]}
 
@@ -38,13 +40,7 @@ def prepare(gmsh: Any, config: Config, shape: MeshShape) -> None:
     if scale != 1:
         mesh.affineTransform((np.eye(4) * scale)[:3].ravel().tolist())
     kinds = set(map(int, mesh.getElementTypes(dim)))
-    known = {*_TRIANGLES.values(), *_QUADS.values()}
-    if not kinds or kinds - known:
-        names = ", ".join(mesh.getElementProperties(k)[0] for k in kinds - known)
-        raise ConfigError(
-            f"{file}: cells must be triangles and quadrilaterals of first or second order; it has "
-            f"{names or 'none'}"
-        )
+    _check_kinds(mesh, dim, kinds, file)
     tagged = {
         entity
         for _, tag in gmsh.model.getPhysicalGroups(dim)
@@ -52,7 +48,7 @@ def prepare(gmsh: Any, config: Config, shape: MeshShape) -> None:
     }
     if any(tag not in tagged for _, tag in gmsh.model.getEntities(dim)):
         raise ConfigError(
-            f"{file}: some of its cells belong to no physical group; give each surface a name"
+            f"{file}: some of its cells belong to no physical group; give each a name"
         )
     radii = mesh.getNodes()[1][::3]
     if shape.kinematics.revolved and radii.min() < -_AXIS * radii.max():
@@ -60,9 +56,11 @@ def prepare(gmsh: Any, config: Config, shape: MeshShape) -> None:
             f"{file}: it reaches R = {radii.min():g} mm, beyond the axis; an axisymmetric mesh "
             "lies at R >= 0, its first coordinate"
         )
-    if config.mesh.order == 1 and kinds - {2, 3}:
+    if config.mesh.order == 1 and kinds - _FIRST_ORDER:
         mesh.setOrder(1)
         kinds = set(map(int, mesh.getElementTypes(dim)))
+    if dim == 3:
+        return
     if len(kinds) > 1:
         log.info("%s: its quadrilaterals are cut into triangles, since it has both", file)
         for _, tag in gmsh.model.getEntities(dim):
@@ -71,6 +69,23 @@ def prepare(gmsh: Any, config: Config, shape: MeshShape) -> None:
     elif kinds == {_QUADS[8]}:
         for _, tag in gmsh.model.getEntities(dim):
             _quads(mesh, dim, tag, cut=False)
+
+
+def _check_kinds(mesh: Any, dim: int, kinds: set[int], file: str) -> None:
+    plane = {*_TRIANGLES.values(), *_QUADS.values()}
+    other = kinds - (plane if dim == 2 else set(_SOLIDS.values()))
+    names = " and ".join(sorted(mesh.getElementProperties(k)[0] for k in other or kinds))
+    if dim == 2 and (other or not kinds):
+        raise ConfigError(
+            f"{file}: cells must be triangles and quadrilaterals of first or second order; it has "
+            f"{names or 'none'}"
+        )
+    if dim == 3 and (other or len(kinds) != 1):
+        raise ConfigError(
+            f"{file}: cells must be all tetrahedra or all hexahedra, of first or second order; it "
+            f"has {names or 'none'} (hexahedra of second order need 27 nodes: in Gmsh "
+            "Mesh.SecondOrderIncomplete = 0)"
+        )
 
 
 def _quads(mesh: Any, dim: int, entity: int, cut: bool) -> None:

@@ -270,7 +270,7 @@ class MeshShape(Section):
 
     shape: Literal["mesh"]
     file: str = Field(description="Gmsh file, relative to the config")
-    space: Literal["axisymmetric", "plane_strain"] = Field(description="what the mesh is")
+    space: Literal["axisymmetric", "plane_strain", "3d"] = Field(description="what the mesh is")
     unit: str = Field("mm", description="of the file's coordinates")
     width: Length | None = Field(None, gt=0, description="of plane strain, along Y")
 
