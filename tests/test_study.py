@@ -264,7 +264,7 @@ def test_key_is_that_of_the_physics(folder, tmp_path, monkeypatch):
         (
             "field: E\n",
             "field: F\n",
-            "panels.2.field: there is no field 'F'; known: phi, J, tension,",
+            "panels.2.field: there is no field 'F'; known: phi, J, wrinkling, tension,",
         ),
         (
             "&one {thickness: 30 um,",

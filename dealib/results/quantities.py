@@ -71,7 +71,8 @@ class Quantity:
             ConfigError: If the run has no such field.
         """
         if self.field not in arrays:
-            raise ConfigError(f"{self.name}: the run has no such field; its config sets no limit")
+            why = "its config sets no limit" if self.is_use else "it is that of a tension field"
+            raise ConfigError(f"{self.name}: the run has no such field; {why}")
         values = arrays[self.field]
         if self.component is not None:
             index: Any = (..., *self.component)

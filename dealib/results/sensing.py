@@ -103,7 +103,14 @@ class CapacitanceMap:
             ConfigError: If there is none, they share no displacements, or they contradict each
                 other.
         """
-        states = [h[["displacement_mm", column, "voltage_kV"]].to_numpy() for h in histories]
+        wanted = ["displacement_mm", column, "voltage_kV"]
+        missing = [c for c in wanted if not all(c in h for h in histories)]
+        if missing:
+            raise ConfigError(
+                "no map: it is that of a device with one mount and one terminal, and the history "
+                f"has no {' and no '.join(missing)}"
+            )
+        states = [h[wanted].to_numpy() for h in histories]
         u_C, voltage = np.split(np.concatenate(states), [2], axis=1)
         voltage = np.round(np.abs(voltage[:, 0]), 9)
         apart = _APART * float(np.ptp(u_C[:, 0]))
