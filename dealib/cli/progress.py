@@ -48,7 +48,7 @@ class Progress:
         if self._bar is None:
             print(line(row), flush=True)
             return
-        now = f"{row['stage']}  u {row['displacement_mm']:z.4f} mm  V {row['voltage_kV']:z.3f} kV"
+        now = f"{row['stage']}  {inputs(state)}"
         total = max(self._bar.tasks[0].total or 0, row["step"])
         self._bar.update(self._task, completed=row["step"], total=total, now=now)
 
@@ -57,3 +57,13 @@ class Progress:
         if self._bar is not None:
             self._bar.stop()
         sys.stdout.flush()
+
+
+def inputs(state: State) -> str:
+    """Values of all ports but floating ones, such as 'mount 0.1234 mm  terminal 2.0000 kV'."""
+    ports = [p for p in state.engine.problem.device.ports if not p.floating]
+    shown = [
+        f"{port.name} {state.row[port.column(port.kind.primal)]:z.4f} {port.kind.primal.unit}"
+        for port in ports
+    ]
+    return "  ".join(shown)
