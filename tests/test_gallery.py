@@ -463,7 +463,9 @@ def test_two_ranks_give_the_same_history(name, tmp_path):
     assert list(one) == list(other)
     assert one["stage"].tolist() == other["stage"].tolist()
     for column in one.columns.drop(["stage", "newton_iterations"]):
-        size = max(one[column].abs().max(), 1e-3 if column.startswith("force_N") else 1e-6)
+        # a force that is kept at zero, and its work, are rounding
+        least = 1e-3 if column.startswith("force_N") or column.endswith("_mJ") else 1e-6
+        size = max(one[column].abs().max(), least)
         assert other[column].to_numpy() == pytest.approx(one[column], abs=1e-9 * size), column
 
 
