@@ -50,8 +50,8 @@ EDITS = [
     ("misspelt nested key", "inner_radius:", "iner_radius:",
      "3:3: geometry.iner_radius: unknown key; did you mean 'inner_radius'?", "iner_radius:"),
     ("unknown key", "columns: 8", "columns: 8\n  zebra: 1",
-     "10:3: mesh.zebra: unknown key; known: columns, film_rows, electrode_rows, grading, order, "
-     "air_size, file", "zebra: 1"),
+     "10:3: mesh.zebra: unknown key; known: columns, film_rows, electrode_rows, sectors, grading, "
+     "order, air_size, file", "zebra: 1"),
     ("unknown key of a stage", "{stage: prestrain}", "{stage: prestrain, step: 2}",
      "20:24: program.0.step: unknown key; did you mean 'steps'?", "step: 2"),
     ("parameter of another law", "youngs_modulus: 3 MPa", "c10: 1 MPa",
@@ -247,10 +247,24 @@ EDITS = [
     ("tables of one voltage", "program:",
      "tables: {displacement: [0 mm, -1 mm], voltage: [2 kV, 2 kV]}\nprogram:",
      "19:48: tables.voltage: the first and the last value must differ", "[2 kV"),
-    ("tables of one end and of three numbers", "program:",
+    ("tables of one end", "program:",
      "tables: {displacement: [0 mm], voltage: [0 V, 2 kV], points: [3, 3, 3]}\nprogram:",
-     ["19:24: tables.displacement: too few items",
-      "19:62: tables.points: expected at most 2 items, not 3"], "[3"),
+     "19:24: tables.displacement: too few items", "[0 mm]"),
+    ("tables of three numbers", "program:",
+     "tables: {displacement: [0 mm, 1 mm], voltage: [0 V, 2 kV], points: [3, 3, 3]}\nprogram:",
+     "19:68: tables.points: expected a number for each of displacement, voltage, not 3 numbers",
+     "[3"),
+    ("tables of four numbers", "program:",
+     "tables: {displacement: [0 mm, 1 mm], voltage: [0 V, 2 kV], points: [3, 3, 3, 3]}\nprogram:",
+     "19:68: tables.points: expected at most 3 items, not 4", "[3"),
+    ("tables of a word", "program:",
+     "tables: {displacement: wide, voltage: [0 V, 2 kV]}\nprogram:",
+     ["19:24: tables.displacement: expected a list, not 'wide'",
+      "19:24: tables.displacement: expected a mapping of keys, not 'wide'"], "wide"),
+    ("tables of a port without a unit", "program:",
+     "tables: {displacement: [0 mm, 1 mm], voltage: {top: [0, 2 kV]}}\nprogram:",
+     "19:54: tables.voltage.top.0: expected a voltage with its unit, such as '2.5 kV'; '0' has no "
+     "unit", "0,"),
     ("tables of a viscous film", "materials:\n  film:\n",
      "tables: {displacement: [0 mm, 1 mm], voltage: [0 V, 2 kV]}\nmaterials:\n  film:\n"
      "    branches: [{shear_modulus: 1 MPa, relaxation_time: 1 s}]\n",
@@ -650,7 +664,7 @@ def test_bad_mesh_file(dealib, tmp_path, good_mesh, change, edits, expected):
     before = snapshot(tmp_path)
     code, _, err = dealib("run", "case.yaml", "--out", "out", "--overwrite")
     assert code == 2
-    assert err.startswith(f"dealib: mesh.file mine.msh: {expected}")
+    assert err.startswith(f"dealib: mine.msh: {expected}")
     assert len(err.splitlines()) == 1
     assert snapshot(tmp_path) == before
 

@@ -52,7 +52,7 @@ def test_example_finds_the_true_values(tmp_path, monkeypatch, capsys):
     assert "hardly tell them apart" in said
     # the best config stands there to be run
     best = load(out / "best.yaml").config
-    assert best.materials.film.prestretch[0] == rows["materials.film.prestretch"][0]
+    assert best.materials["film"].prestretch[0] == rows["materials.film.prestretch"][0]
     assert best.mesh.columns == plan.fit.set["mesh.columns"]
     for name in ("report.txt", "report.md", "report.html"):
         assert "materials.film.youngs_modulus" in (out / name).read_text()
@@ -117,7 +117,7 @@ class Lines:
     def histories(self, cases):
         found = []
         for case in cases:
-            film = case.config.materials.film
+            film = case.config.materials["film"]
             modulus = 2 * (1 + 0.5) * film.shear_modulus
             self.solved += 1
             if modulus > 5:
@@ -220,21 +220,21 @@ def changed(folder, x=lambda u: u, y=lambda F: F, header="displacement [mm],forc
 @pytest.mark.parametrize(
     ("x", "y", "hint"),
     [
-        (lambda u: -u, lambda F: F, "spans -1 .. -0.05 mm, the run's 0 .. 1 mm; with the opposite "
-         "sign of displacement 100 % would lie inside"),
-        (lambda u: -u, lambda F: -F, "spans -1 .. -0.05 mm, the run's 0 .. 1 mm; with the opposite "
-         "sign of displacement 100 % would lie inside, and force then has the opposite sign too"),
-        (lambda u: u + 6, lambda F: F, "spans 6.05 .. 7 mm, the run's 0 .. 1 mm; with -6.05 mm "
-         "added to displacement 100 % would lie inside"),
+        (lambda u: -u, lambda F: F, "spans -1 .. -0.05 mm, the run's 0 .. 1 mm; with prepare: "
+         "{displacement: {sign: -1}} 100% would lie inside"),
+        (lambda u: -u, lambda F: -F, "spans -1 .. -0.05 mm, the run's 0 .. 1 mm; with prepare: "
+         "{displacement: {sign: -1}} 100% would lie inside, and force then has the opposite sign too"),
+        (lambda u: u + 6, lambda F: F, "spans 6.05 .. 7 mm, the run's 0 .. 1 mm; with "
+         "prepare: {displacement: {zero: start}} 100% would lie inside"),
         (lambda u: 1e3 * u, lambda F: F, "spans 50 .. 1000 mm, the run's 0 .. 1 mm; with "
-         "displacement times 1e-3 100 % would lie inside"),
+         "prepare: {displacement: {factor: 1e-3}} 100% would lie inside"),
         (lambda u: 40 * u - 25, lambda F: F, "spans -23 .. 15 mm, the run's 0 .. 1 mm"),
     ],
 )  # fmt: skip
 def test_data_mostly_outside_are_refused_with_a_hint(tmp_path, x, y, hint):
     with pytest.raises(ConfigError) as error:
         fit(changed(tmp_path, x, y))
-    share = "5 %" if "-23" in hint else "0 %"
+    share = "5%" if "-23" in hint else "0%"
     said = f"{tmp_path / 'data.csv'}: {share} of the points lie inside the run: displacement {hint}"
     assert str(error.value) == said
 
@@ -390,8 +390,9 @@ def test_data_are_prepared_and_their_reading_is_told(tmp_path):
     fitted = run_search(plan, Lines(), told.append)
     assert told[0].startswith("data.csv: UTF-16; columns parted by ';'; decimal mark ','; ")
     assert told[0].endswith("; force_N plus -7 mN; 1 row without a point left out")
-    assert fitted.points == 20
-    assert [e.value for e in fitted.estimates] == pytest.approx([2, 3], rel=1e-4)
+    (curve,) = fitted.found.comparisons[0]
+    assert len(curve.measured) == 20
+    assert [e.value for e in fitted.found.estimates] == pytest.approx([2, 3], rel=1e-4)
 
 
 def test_foreign_directory_is_left_alone(tmp_path, monkeypatch, capsys):

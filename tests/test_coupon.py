@@ -291,7 +291,7 @@ def test_example_finds_law_and_values(tmp_path, monkeypatch, capsys):
     config.write_text((FITS.parent / "membrane.yaml").read_text())
     shown = (out / "material.yaml").read_text()
     loaded = dealib.load(config, set={"materials.film": shown.split("film:")[1]}).config
-    film = loaded.materials.film
+    film = loaded.materials["film"]
     assert (film.law, film.relative_permittivity) == ("gent", 2.8)
     assert film.values.shear_modulus == pytest.approx(0.25, rel=0.01)
     assert film.values.bulk_modulus == pytest.approx(1e3 * film.values.shear_modulus, rel=1e-4)
@@ -300,7 +300,7 @@ def test_example_finds_law_and_values(tmp_path, monkeypatch, capsys):
     assert "# kept" in (tmp_path / "mine.yaml").read_text()
     config.write_text("library: mine.yaml\n" + config.read_text())
     named = dealib.load(config, set={"materials.film": "{library: coupon, prestretch: 1.2}"}).config
-    assert named.materials.film.values == film.values
+    assert named.materials["film"].values == film.values
     # a second time it is neither overwritten nor forgotten
     again = ("calibrate", tmp_path / "coupon.yaml", "--out", tmp_path / "other")
     code, _, err = call(monkeypatch, capsys, *again)
@@ -433,11 +433,11 @@ def device(folder, film, library="library: mine.yaml\n", text=MINE):
 
 def test_own_library_stands_beside_the_published_one(tmp_path):
     config = device(tmp_path, "{library: my_film, prestretch: 1.1}")
-    assert config.materials.film.values.j_lim == 20
-    assert config.materials.film.prestretch == (1.1, 1.1)
+    assert config.materials["film"].values.j_lim == 20
+    assert config.materials["film"].prestretch == (1.1, 1.1)
     stiffer = device(tmp_path, "{library: my_film, youngs_modulus: 1.5 MPa}")
-    assert stiffer.materials.film.values.shear_modulus == 0.5
-    assert device(tmp_path, "{library: elastosil_2030}").materials.film.law == "yeoh"
+    assert stiffer.materials["film"].values.shear_modulus == 0.5
+    assert device(tmp_path, "{library: elastosil_2030}").materials["film"].law == "yeoh"
     # the resolved config stands alone
     (tmp_path / "mine.yaml").unlink()
     (tmp_path / "resolved.yaml").write_text(dealib.config.resolved(config))

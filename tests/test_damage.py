@@ -216,7 +216,9 @@ def test_deep_damage_of_the_record_costs_no_more_than_what_is_damaged(made, tmp_
 def test_damaged_tables_are_refused_by_name(tmp_path, suffix, way):
     u, v = np.linspace(-1, 0, 5), np.linspace(0, 2, 4)
     U, V = np.meshgrid(u, v, indexing="ij")
-    Tables(u, v, 2 * U, 3 * V, 3 + 0 * V, U**2 - 1.5 * V**2).save(tmp_path)
+    columns = {"displacement_mm": u, "voltage_kV": v, "force_N": 2 * U, "charge_uC": 3 * V}
+    columns |= {"capacitance_pF": 3 + 0 * V, "potential_mJ": U**2 - 1.5 * V**2}
+    Tables(columns).save(tmp_path)
     path = tmp_path / f"tables.{suffix}"
     assert float(dealib.tables(path).force(-0.3, 1.1)) == pytest.approx(-0.6)
     if way == "truncated":  # within a row

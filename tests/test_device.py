@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import case
-from dolfinx.mesh import compute_midpoints
 from laminates import BASES, ELECTRODE, FILM, config, layer, rows, simulation
 from test_geometry import area, cells_of
 
@@ -179,6 +178,8 @@ def test_a_layer_may_cover_a_part_of_its_base():
 
 def test_parts_of_faces_have_boundaries_of_their_own():
     """Terminals within [from, to]; what else is on the face keeps both names."""
+    from dolfinx.mesh import compute_midpoints
+
     terminals = {
         "left": {"on": "film.top", "within": ["0 mm", "4 mm"]},
         "right": {"on": "film.top", "within": ["6 mm", "10 mm"]},
@@ -197,7 +198,7 @@ def test_parts_of_faces_have_boundaries_of_their_own():
     parts = {"left.part", "right.part", "both.1", "both.2", "ground.part"}
     assert set(given.device.boundaries) == {"left", "right", "film.bottom", "film.top", *parts}
     run = simulation(given)
-    (state,) = run
+    *_, state = run
     domain = run.engine.problem.domain
     for name, (first, last) in wanted.items():
         dim, facets = domain.entities(name)
@@ -205,6 +206,24 @@ def test_parts_of_faces_have_boundaries_of_their_own():
         assert first < middles.min() < middles.max() < last, name
         area_of = state.row[f"area_{name.replace('.', '_')}"]  # the strip is 5 mm wide
         assert area_of == pytest.approx(5 * (last - first)), name
+
+
+@pytest.mark.parametrize("model", ["solid", "membrane"])
+@pytest.mark.parametrize("space", [None, "3d"])
+def test_cells_of_first_order_are_of_the_same_device(model, space):
+    """A film between plates: its capacitance is exact, in every space."""
+    given = config(
+        "disc",
+        geometry={"space": space},
+        mesh={"order": 1, "sectors": 2},
+        physics={"model": model},
+        program=[{"stage": "prestrain"}],
+    )
+    (row,) = rows(given)
+    area = given.device.sizes.area if space is None else 10**2 * 8 / 2 * np.sin(np.pi / 4)
+    plates = 1e3 * 8.8541878128e-6 * 3 * area / 0.5
+    # the thickness of a sheet gives way to the voltage that measures it
+    assert row["capacitance_pF"] == pytest.approx(plates, rel=1e-6 if model == "solid" else 1e-5)
 
 
 def test_annular_strips_are_short_for_a_laminate():

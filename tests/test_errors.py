@@ -80,10 +80,10 @@ def test_the_traceback_is_shown_if_asked_for(strip_run, tmp_path, how):
 
 def test_a_runs_log_has_the_traceback_too(tmp_path):
     code = """
-import dealib.program.states as states
+from dealib.program.history import History
 def broken(*given):
     raise ZeroDivisionError("in the middle")
-states._met = broken
+History._met = broken
 from dealib.__main__ import main
 main()
 """
@@ -262,8 +262,8 @@ def test_a_signal_in_the_first_second_is_answered(folder, name, module, sent):
 def test_gmsh_takes_no_signal_away(folder):
     code = """
 import os, signal
-import dealib.geometry.annular_strips as strips
-strips.build = lambda *given: os.kill(os.getpid(), signal.SIGTERM)
+from dealib.device.grid import Grid
+Grid.build = lambda *given: os.kill(os.getpid(), signal.SIGTERM)
 from dealib.__main__ import main
 main()
 """

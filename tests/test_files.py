@@ -16,10 +16,12 @@ HERE = Path(__file__).parent
 ROOT = HERE.parent
 SMALL = HERE / "small.yaml"
 
-# where else files are opened to be written: logs, the lock of the compiler, a line of the history
+# where else files are opened to be written: logs, the lock of the compiler, a line of the history,
+# the null device in place of a closed stream
 ELSEWHERE = {
     "dealib/files.py",
     "dealib/cases/job.py",
+    "dealib/cli/streams.py",
     "dealib/fem/compat.py",
     "dealib/results/store.py",
 }

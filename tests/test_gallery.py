@@ -492,4 +492,4 @@ def test_the_bar_on_a_terminal_shows_the_ports_that_there_are():
     for state in run:
         bar.see(state)
     bar.stop(None)
-    assert "rest  hot 0.0000 kV  air 0.0000 kPa" in shown.getvalue()
+    assert "rest  V 0.0000 kV  p 0.0000 kPa" in shown.getvalue()

@@ -11,14 +11,14 @@ from scipy.optimize import brentq
 
 import dealib
 from dealib.config import resolved
-from dealib.config.materials import ElectrodeMaterial, Materials
+from dealib.config.materials import Material, Materials
 from dealib.materials.published import library
 from dealib.materials.response import response
 from dealib.units import EPSILON_0
 
 
 def film(**given):
-    return Materials.model_validate({"film": given}).film
+    return TypeAdapter(Material).validate_python(given)
 
 
 @pytest.mark.parametrize("name", library())
@@ -56,14 +56,14 @@ def test_values_can_be_overridden():
     assert stiffer.parameters == pytest.approx(
         {"c10": 0.2, "c20": -0.0167, "c30": 0.0066, "bulk_modulus": 20.0}
     )
-    both = Materials.model_validate(
+    both = TypeAdapter(Materials).validate_python(
         {
             "film": {"library": "deap_film", "relative_permittivity": 3.0},
             "electrode": {"library": "deap_electrode"},
         }
     )
-    assert both.electrode.shear_modulus == 1.0
-    assert both.electrode == TypeAdapter(ElectrodeMaterial).validate_python(
+    assert both["electrode"].shear_modulus == 1.0
+    assert both["electrode"] == TypeAdapter(Material).validate_python(
         {"library": "deap_electrode", **library()["deap_electrode"].values}
     )
 
@@ -137,5 +137,5 @@ def test_acrylic_membrane():
 
 
 def test_materials_of_studies_may_come_from_the_library():
-    given = TypeAdapter(ElectrodeMaterial).validate_python({"library": "vhb_4910"})
+    given = TypeAdapter(Material).validate_python({"library": "vhb_4910"})
     assert (given.law, given.locking_stretch) == ("arruda_boyce", 5.99)

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 from conftest import CONFIGS, case
-from dealib.geometry.msh import read as read_mesh
 from test_bad_input import BASE, dealib  # noqa: F401 - a fixture
 
 from dealib.config import load
 from dealib.config.size import size
+from dealib.device.msh import read as read_mesh
 from dealib.errors import ConfigError
 from dealib.log import to_terminal
 from dealib.patience import patience
@@ -79,7 +79,7 @@ def test_aliases_that_are_few_are_welcome(tmp_path):
     text = BASE.replace("law: neo_hookean\n", "law: &law neo_hookean\n", 1)
     text = text.replace("law: neo_hookean", "law: *law")
     (tmp_path / "case.yaml").write_text(text)
-    assert load(tmp_path / "case.yaml").config.materials.electrode.law == "neo_hookean"
+    assert load(tmp_path / "case.yaml").config.materials["electrode"].law == "neo_hookean"
 
 
 def test_the_limits_hold_for_overrides(tmp_path):
@@ -269,6 +269,36 @@ def test_the_estimate_is_near_what_was_measured(name, changes, unknowns, memory,
     assert found.disk / 1e6 == pytest.approx(disk, rel=0.25)
 
 
+DISC, SOLID = "devices/expanding_circle", {"geometry__space": "3d", "probes": None}
+SHEET = {"physics__model": "membrane"}
+# the same in other spaces: name, changes, unknowns, peak memory (MB)
+SPACES = [
+    (DISC, SOLID | {"mesh__columns": 16, "geometry__symmetry": "[X, Y]"}, 12324, 315),
+    (DISC, SOLID | {"mesh__columns": 8}, 38035, 648),
+    (DISC, SOLID | {"mesh__columns": 8, "mesh__film_rows": 4}, 70563, 1300),
+    (DISC, SOLID | {"mesh__columns": 16, "mesh__sectors": 12}, 78547, None),
+    (DISC, SOLID | {"mesh__columns": 8, "physics__formulation": "mixed"}, 42131, None),
+    (DISC, SOLID | {"mesh__columns": 16, "mesh__order": 1}, 6795, None),
+    (DISC, SHEET | SOLID | {"mesh__columns": 20}, 7588, 230),
+    (DISC, SHEET | SOLID | {"mesh__columns": 20, "mesh__order": 1}, 1876, None),
+    (DISC, SHEET | {"mesh__columns": 200}, 800, 216),
+    (DISC, SHEET | {"mesh__columns": 4000}, 16000, 229),
+    (DISC, SHEET | {"mesh__columns": 200, "mesh__order": 1}, 400, None),
+    (DISC, {"physics__formulation": "mixed"}, 2039, None),
+]
+
+
+@pytest.mark.parametrize(("name", "changes", "unknowns", "memory"), SPACES)
+def test_the_estimate_holds_in_other_spaces(name, changes, unknowns, memory):
+    given = {"physics__formulation": "displacement"} | changes
+    found = size(case(name, **given).config)
+    assert 0.5 < found.unknowns / unknowns < 2
+    if memory is not None:
+        assert 0.5 < found.memory / (memory * 1e6) < 2
+        known = size(case(name, **given).config, unknowns).memory / 1e6
+        assert known == pytest.approx(memory, rel=0.25)
+
+
 def test_the_estimate_knows_what_a_run_takes(strip_run):
     used = sum(f.stat().st_size for f in strip_run.directory.rglob("*") if f.is_file())
     found = size(strip_run.config, strip_run.info["unknowns"])
@@ -276,9 +306,7 @@ def test_the_estimate_knows_what_a_run_takes(strip_run):
     assert found.steps == strip_run.info["steps"]
     own = case("own_mesh").config
     cells = size(own).unknowns / 11
-    true = sum(
-        len(c) for parts in read_mesh(Path(own.mesh.file)).surfaces().values() for c in parts
-    )
+    true = sum(len(c) for parts in read_mesh(Path(own.mesh.file)).cells(2).values() for c in parts)
     assert cells == pytest.approx(true, rel=0.4)
 
 

@@ -9,10 +9,10 @@ import gmsh
 import numpy as np
 import pytest
 from conftest import CONFIGS, case
-from dealib.geometry import msh, sound
-from dealib.geometry.model import gmsh_model
 
 import dealib
+from dealib.device import msh, sound
+from dealib.device.gmsh_model import gmsh_model
 from dealib.errors import ConfigError
 
 FILM = (CONFIGS.parent / "meshes" / "film.msh").read_text()
@@ -30,7 +30,7 @@ def refused(path):
     with pytest.raises(ConfigError) as caught, gmsh_model(own(path).config):
         pass
     assert caught.value.exit_code == 2
-    return str(caught.value).removeprefix(f"mesh.file {path}: ")
+    return str(caught.value).removeprefix(f"{path}: ")
 
 
 # (what, name, text, message)
@@ -61,7 +61,7 @@ def test_a_mesh_file_runs_nothing(tmp_path, monkeypatch, command, name, text, sa
         cwd=tmp_path, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == f"dealib: mesh.file {tmp_path / name}: {said}\n"
+    assert done.stderr == f"dealib: {tmp_path / name}: {said}\n"
     assert [p.name for p in tmp_path.iterdir()] == [name]
 
 
@@ -88,12 +88,13 @@ def test_the_mesh_of_a_run_that_is_looked_at_runs_nothing(tmp_path, monkeypatch)
     assert [p.name for p in tmp_path.iterdir()] == ["mesh.msh"]
 
 
-def written(tmp_path, **options):
+def written(tmp_path, order=1, **options):
     """The film's mesh as Gmsh writes it with some options."""
     gmsh.initialize(interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         msh.read(CONFIGS.parent / "meshes" / "film.msh").into(gmsh.model)
+        gmsh.model.mesh.setOrder(order)
         for option, value in options.items():
             gmsh.option.setNumber(f"Mesh.{option}", value)
         gmsh.write(str(tmp_path / "w.msh"))
@@ -107,7 +108,7 @@ def test_both_formats_of_text_give_the_same_device(tmp_path, version):
     found = msh.read(written(tmp_path, MshFileVersion=version))
     whole = msh.read(CONFIGS.parent / "meshes" / "film.msh")
     assert sorted(found.names.values()) == ["film", "film_bottom", "film_top", "inner", "outer"]
-    (cells,), (wanted,) = found.surfaces()["film"], whole.surfaces()["film"]
+    (cells,), (wanted,) = found.cells(2)["film"], whole.cells(2)["film"]
     assert np.array_equal(cells, wanted)
     (last,) = dealib.Simulation(own(tmp_path / "w.msh"))
     (also,) = dealib.Simulation(own(CONFIGS.parent / "meshes" / "film.msh"))
@@ -191,16 +192,19 @@ UNSOUND = [
     ("cut off", FILM[: FILM.index("$EndNodes")], r"it ends within \$Nodes"),
     ("fewer nodes than it says", FILM.replace("9 123 1 123", "99 123 1 123"),
      r"\$Nodes is shorter than it says"),
-    ("a cell twice", lines(twice), r"cells overlap at R = 10\.50\d+, Z = -0\.015 mm"),
-    ("a cell folded", lines(folded), r"the cell at R = \d.*, Z = .* mm is flat or folded"),
+    ("a cell twice", lines(twice), r"cells overlap at \(10\.50\d+, -0\.015\) mm"),
+    ("a cell folded", lines(folded), r"the cell at \(\d.*, .*\) mm is flat or folded"),
     ("no such node", lines(lost), "an element refers to a node that is not there"),
-    ("a crack", torn(), r"several nodes are at R = 8\.35, Z = .* mm: what meets there is not "
+    ("a crack", torn(), r"several nodes are at \(8\.35, .*\) mm: what meets there is not "
      "connected"),
     ("infinite", moved(5, "1e999", 0),
      "the coordinates of a node are not finite, or beyond 1e9 mm"),
-    ("a node far away", moved(5, 11.0, 0), r"the cell at R = .* mm is flat or folded"),
-    ("cells of another kind", FILM.replace("2 1 3 80", "2 1 9 80"),
-     "all cells must be 4-node quadrilaterals, or all 3-node triangles"),
+    ("a node far away", moved(5, 11.0, 0), r"the cell at \(.*\) mm is flat or folded"),
+    ("cells of another size", FILM.replace("2 1 3 80", "2 1 9 80"),
+     r"\$Elements is shorter than it says"),
+    ("cells of another kind", FILM.replace("2 1 3 80", "2 1 7 80"),
+     "cells must be triangles, quadrilaterals, tetrahedra and hexahedra of first or second order, "
+     "not Gmsh's type 7"),
     ("no name in UTF-8", FILM.encode().replace(b'"film"', b'"f\xff\xfe"').decode("latin-1"),
      "no physical group named film; "),
 ]  # fmt: skip
@@ -210,6 +214,11 @@ UNSOUND = [
 def test_what_is_not_sound_is_refused(tmp_path, text, said):
     (tmp_path / "m.msh").write_text(text, encoding="latin-1")
     assert re.match(said, refused(tmp_path / "m.msh"))
+
+
+def test_strips_take_no_cells_of_second_order(tmp_path):
+    path = written(tmp_path, order=2)
+    assert refused(path) == "all cells must be 4-node quadrilaterals, or all 3-node triangles"
 
 
 def test_the_shipped_meshes_are_sound():

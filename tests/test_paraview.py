@@ -60,7 +60,9 @@ def test_all_readers_of_paraview_see_the_last_step(strip_run, tmp_path):
 def test_every_run_directory_has_a_script(strip_run):
     text = (strip_run.directory / paraview.SCRIPT).read_text(encoding="utf-8")
     compile(text, paraview.SCRIPT, "exec")
-    assert "FIRST, LAST = 0, 4  # regions to show: 0 film, 1 top_electrode" in text
+    assert (
+        "FIRST, LAST = 0, 2  # regions to show: 0 bottom_electrode, 1 film, 2 top_electrode" in text
+    )
 
 
 @pytest.mark.slow  # renders in an X server of its own, which may fail on a crowded machine

@@ -16,6 +16,8 @@ import pytest
 from ruamel.yaml import YAML as Reader
 
 import dealib
+from dealib.calibration.coupon_schema import Coupon
+from dealib.calibration.schema import Fit
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -86,7 +88,7 @@ def shell(command, root):
 
 def no_rendering():
     from dealib.errors import PlatformError
-    from dealib.plots.revolved import check_rendering
+    from dealib.plots.views import check_rendering
 
     try:
         check_rendering()
@@ -124,6 +126,14 @@ def test_every_command_works(copy):
 def test_every_piece_of_a_config_is_valid(tmp_path):
     (whole,) = (text for text in YAML if "\ngeometry:" in text)
     pieces = [text for text in YAML if text != whole and "\nvary:" not in text]
+    of_data = {
+        head: t for head in ("data:", "name: my_silicone") for t in YAML if t.startswith(head)
+    }
+    fit, coupon = (Reader(typ="safe").load(text) for text in of_data.values())
+    example = (ROOT / "configs" / "fits" / "example.yaml").read_text(encoding="utf-8")
+    Fit.model_validate(Reader(typ="safe").load(example) | fit)
+    Coupon.model_validate(coupon)
+    pieces = [text for text in pieces if text not in of_data.values()]
     assert len(pieces) >= 4
     for k, text in enumerate([whole, *pieces]):
         config, piece = (Reader(typ="safe").load(t) for t in (whole, text))

@@ -276,7 +276,7 @@ def test_a_stage_ends_early_by_its_condition():
 def test_a_line_of_the_log_has_no_negative_zero():
     row = {"step": 3, "time_s": 1.0, "stage": "off", "displacement_mm": -1e-9, "force_N": -0.0}
     row |= {"voltage_kV": -2e-17, "capacitance_pF": 1.0, "newton_iterations": 1}
-    assert "u   0.00000 mm  F   0.00000 N  V  0.0000 kV" in line(row)
+    assert "u   0.00000 mm  F   0.00000 N  V   0.00000 kV" in line(row)
 
 
 def test_numbers_for_the_eye():

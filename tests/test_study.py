@@ -159,7 +159,7 @@ def test_axes_multiply_and_lists_go_in_step(folder):
     assert [c.work.geometry.film_thickness for c in cases] == pytest.approx(
         [0.03, 0.03, 0.06, 0.06]
     )
-    assert cases[1].work.materials.film.parameters["c01"] == pytest.approx(-1 / 12)
+    assert cases[1].work.materials["film"].parameters["c01"] == pytest.approx(-1 / 12)
 
 
 def test_key_is_that_of_the_physics(folder, tmp_path, monkeypatch):
@@ -598,18 +598,19 @@ def test_numbers_that_do_not_match_point_at_the_study(folder, old, new, message)
 @pytest.mark.parametrize(
     ("field", "region", "carriers"),
     [
-        ("S_RR", "air", "film, top_electrode, bottom_electrode"),
-        ("sigma_ZZ", "mount_block", "film, top_electrode, bottom_electrode"),
+        ("S_RR", "air", "bottom_electrode, film, top_electrode"),
+        ("sigma_ZZ", "mount_block", "bottom_electrode, film, top_electrode"),
         ("tension", "top_electrode", "film"),
         ("wrinkling_use", "air", "film"),
         ("D_n", "air", "film"),
     ],
 )
 def test_a_field_that_a_region_does_not_carry_is_refused(field, region, carriers):
+    config = dealib.load(ROOT / "configs" / "benchmark_strip_air.yaml").config
     with pytest.raises(ValueError, match=f"^{field} is a field of {carriers}, not of {region}$"):
-        sample.check(field, region)
+        sample.check(config, field, region)
     for there in carriers.split(", "):
-        sample.check(field, there)
+        sample.check(config, field, there)
 
 
 def test_settings_in_points_and_windows(folder, tmp_path):

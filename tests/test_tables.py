@@ -210,7 +210,9 @@ def test_three_ports(tmp_path):
         {"stage": "go", "mount": {"displacement": f"{at[0]} mm"}, "steps": 2},
         {
             "stage": "on",
-            "terminals": {n: {"voltage": f"{v} kV"} for n, v in zip(("drive", "sense"), at[1:])},
+            "terminals": {
+                n: {"voltage": f"{v} kV"} for n, v in zip(("drive", "sense"), at[1:], strict=True)
+            },
         },
     ]
     stages = [type(given.config.program[0]).model_validate(s) for s in program]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dealib.calibration.task import History, Series
-from dealib.data.compare import Comparison, compare, remedy
+from dealib.data.compare import Comparison, brought_inside, compare, remedy
 from dealib.data.names import split_unit
 from dealib.errors import ConfigError
 
@@ -31,10 +33,17 @@ def check_reach(series: Series, history: History) -> None:
     if share >= LEAST:
         return
     name, unit = split_unit(measured.x)
+    key, fitting, _ = brought_inside(x, reached)
+    hint = remedy(measured.x, x, reached)
+    if key:
+        moved = replace(measured, columns=measured.columns | {measured.x: fitting})
+        curves = compare(history, moved, series.stage, extrapolate=True)
+        against = [split_unit(c.y_name)[0] for c in curves if mirrored(c)]
+        hint += "".join(f", and {q} then has the opposite sign too" for q in against)
     raise ConfigError(
         f"{measured.path}: {share:.0%} of the points lie inside the run: {name} spans "
         f"{x.min():.6g} .. {x.max():.6g} {unit}, the run's "
-        f"{reached.min():.6g} .. {reached.max():.6g} {unit}{remedy(measured.x, x, reached)}"
+        f"{reached.min():.6g} .. {reached.max():.6g} {unit}{hint}"
     )
 
 

@@ -28,7 +28,9 @@ def animate(
     from dealib.plots import animation, style
     from dealib.results.quantities import quantity
 
-    whats = [quantity(name) for name in fields] or animation.usual(run)
+    whats = [quantity(name, run.config.device.kinematics) for name in fields] or animation.usual(
+        run
+    )
     if out is not None:
         style.check_target(out, animation.FORMATS, overwrite)
     target = out or default([run], f"animation-{'+'.join(w.name for w in whats)}", dark, ".mp4")

@@ -22,6 +22,7 @@ import typer
 
 from dealib.config.templates import template
 from dealib.errors import PlatformError
+from dealib.files import write_text
 from dealib.units import EPSILON_0
 from dealib.versions import version_line
 
@@ -140,7 +141,7 @@ def _compiler(folder: Path) -> str:
 def _run(folder: Path, name: str, *options: str) -> float:
     """Solve a tiny problem into folder/name; returns the seconds from start to end."""
     config = folder / "tiny.yaml"
-    config.write_text(template("benchmark"), encoding="utf-8")
+    write_text(config, template("benchmark"))
     changes = ("--set", "mesh.columns=8", "--set", f"program={_PROGRAM}")
     return _child("-m", "dealib", "run", config, *changes, "--out", folder / name, *options)
 

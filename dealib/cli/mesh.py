@@ -39,5 +39,5 @@ def write_mesh(case: Case, path: Path, view: Path | None, overwrite: bool) -> No
         from dealib.plots.style import save, theme
 
         with theme():
-            save(draw_mesh(path), view)
+            save(draw_mesh(path, case.config), view)
         typer.echo(str(view))

@@ -75,18 +75,15 @@ def _figure(
             from dealib.plots.profiles import draw_profiles
 
             charge = (quantities.SURFACE_CHARGE,)
-            chosen = [quantities.quantity(name, "profile", charge) for name in profiles]
+            space = shape.kinematics
+            chosen = [quantities.quantity(name, space, "profile", charge) for name in profiles]
             name = "+".join(q.name for q in chosen)
             return draw_profiles(shape, chosen), f"profile-{name}-step{shape.step:05d}"
-        what = quantities.quantity(field or "E")
-        if revolved:
-            from dealib.plots.revolved import draw_revolved
+        what = quantities.quantity(field or "E", shape.kinematics)
+        from dealib.plots.views import draw_field, draw_revolved
 
-            figure = draw_revolved(shape, what, look)
-            return figure, f"revolved-{what.name}-step{shape.step:05d}"
-        from dealib.plots.contours import contours
-
-        return contours(shape, what, look), f"field-{what.name}-step{shape.step:05d}"
+        draw, kind = (draw_revolved, "revolved") if revolved else (draw_field, "field")
+        return draw(shape, what, look), f"{kind}-{what.name}-step{shape.step:05d}"
     from dealib.plots.curves import clock_of, curves, overview
 
     if not ys:

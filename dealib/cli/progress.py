@@ -9,7 +9,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.progress import Progress as Bar
 
 from dealib.program import Simulation, State
-from dealib.program.run import line
+from dealib.program.run import line, ports_told
 from dealib.units import counted
 
 
@@ -48,7 +48,7 @@ class Progress:
         if self._bar is None:
             print(line(row), flush=True)
             return
-        now = f"{row['stage']}  {inputs(state)}"
+        now = f"{row['stage']}  {ports_told(row, 'z.4f', ('u', 'p', 'V'))}"
         total = max(self._bar.tasks[0].total or 0, row["step"])
         self._bar.update(self._task, completed=row["step"], total=total, now=now)
 
@@ -57,13 +57,3 @@ class Progress:
         if self._bar is not None:
             self._bar.stop()
         sys.stdout.flush()
-
-
-def inputs(state: State) -> str:
-    """Values of all ports but floating ones, such as 'mount 0.1234 mm  terminal 2.0000 kV'."""
-    ports = [p for p in state.engine.problem.device.ports if not p.floating]
-    shown = [
-        f"{port.name} {state.row[port.column(port.kind.primal)]:z.4f} {port.kind.primal.unit}"
-        for port in ports
-    ]
-    return "  ".join(shown)

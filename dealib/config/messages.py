@@ -62,6 +62,8 @@ def validate(model: type[Model], source: Source) -> Model:
             if item["type"] == "missing" and any(_meant(m, item["loc"], model) for m in misspelt):
                 continue  # it is there under a misspelt name
             where = in_file(item, tree)
+            if item["type"] in _OF_OTHERS and any(_other(i, item, where, tree) for i in errors):
+                continue  # it is of a kind that this place takes too, and wrong within
             at: Literal["key", "value"] = "key" if item["type"] == "extra_forbidden" else "value"
             said = problem({**item, "input": _given(tree, where, item)}, model)
             if item["type"] == "extra_forbidden" and _POISSON.fullmatch(str(where[-1])):
@@ -87,6 +89,15 @@ def _refuse_other_kinds(wanted: str, tree: Mapping[str, Any], path: Path) -> Non
         raise ConfigError(
             f"{path}: a {given}, not a {_KINDS[wanted][0]}; 'dealib {command} {path}' takes it"
         )
+
+
+_OF_OTHERS = ("tuple_type", "dict_type", "string_type")
+
+
+def _other(item: Mapping[str, Any], refused: Mapping[str, Any], where: Loc, tree: Any) -> bool:
+    """Whether another alternative of a union took what this one refused, and went on in it."""
+    within = in_file(item, tree)
+    return item["type"] not in _OF_OTHERS and within[: len(where)] == where and item is not refused
 
 
 def _within(loc: Loc, other: Loc) -> bool:

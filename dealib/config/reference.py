@@ -138,18 +138,18 @@ def _library() -> Iterator[str]:
         yield f"| `{name}` | {entry.description} | {entry.words} | {entry.source} |"
 
 
-def _sections(items: Node) -> Node:
-    """What a list holds, where short forms stand for sections: the sections."""
-    return next((choice for choice in items.get("anyOf", []) if "$ref" in choice), items)
+def _sections(node: Node) -> list[Node]:
+    """The sections that may stand somewhere, beside short forms of them."""
+    return [n for n in (node, *node.get("anyOf", ())) if "$ref" in n or "discriminator" in n]
 
 
-def _inner(value: Node) -> tuple[Node, str]:
-    """What a key holds or its items hold, and how its path goes on."""
-    items = _sections(value.get("items", {}))
-    if "$ref" in items or "discriminator" in items:
-        return items, "[]"
-    free = value.get("additionalProperties")
-    return (free, ".KEY") if isinstance(free, dict) and "$ref" in free else (value, "")
+def inner(value: Node) -> tuple[Node, str]:
+    """What a key holds or its items hold, and how its path goes on: '[]', '.KEY' or not."""
+    for key, on in (("items", "[]"), ("additionalProperties", ".KEY")):
+        held = value.get(key)
+        if isinstance(held, dict) and _sections(held):
+            return held, on
+    return value, ""
 
 
 def _section(node: Node, path: str, defs: Node, seen: set[str], tag: str = "") -> Iterator[str]:
@@ -161,18 +161,14 @@ def _section(node: Node, path: str, defs: Node, seen: set[str], tag: str = "") -
     for key, value in node["properties"].items():
         required = "*needed*" if key in node.get("required", ()) else ""
         default = f"`{value['default']}`" if value.get("default", "") != "" else required
-        inner, on = _inner(value)
-        if "$ref" in inner or "discriminator" in inner:
-            below.append((f"{path}.{key}".lstrip(".") + on, inner))
-        for choice in value.get("anyOf", []):
-            if "$ref" in choice:
-                below.append((f"{path}.{key}".lstrip("."), choice))
-        means = meaning(value) or resolve(inner, defs).get("description", "")
+        held, on = inner(value)
+        below += [(f"{path}.{key}".lstrip(".") + on, one) for one in _sections(held)]
+        means = meaning(value) or resolve(held, defs).get("description", "")
         what = {"[]": "list of sections", ".KEY": "sections by key"}.get(on) or kind(value)
         yield f"| `{key}` | {what} | {default} | {means} |".replace("  ", " ")
-    for name, inner in below:
-        tagged = variants(inner, defs)
-        by = inner.get("discriminator", {}).get("propertyName")
+    for name, held in below:
+        tagged = variants(held, defs)
+        by = held.get("discriminator", {}).get("propertyName")
         for tag, variant in tagged.items():
             if tag not in seen:
                 yield from _section(variant, name, defs, seen, f"{by} `{tag}`")
@@ -180,6 +176,6 @@ def _section(node: Node, path: str, defs: Node, seen: set[str], tag: str = "") -
             keys = "`, `".join(tagged)
             yield from ("", f"## `{name}`", "", f"Laws and their parameters as above: `{keys}`.")
         seen.update(tagged)
-        if not tagged and inner["$ref"] not in seen:
-            seen.add(inner["$ref"])
-            yield from _section(resolve(inner, defs), name, defs, seen)
+        if not tagged and held["$ref"] not in seen:
+            seen.add(held["$ref"])
+            yield from _section(resolve(held, defs), name, defs, seen)

@@ -80,10 +80,10 @@ class Physics(Section):
         "where they would be pressed",
     )
     slack_stiffness: float = Field(
-        1e-4,
+        1e-3,
         gt=0,
         le=0.1,
-        description="share of a film's stiffness that it keeps where it wrinkles",
+        description="share of the stiffness that is left where it wrinkles",
     )
     formulation: Literal["displacement", "mixed"] = Field(
         "displacement",
@@ -189,7 +189,7 @@ class Config(Section):
         description="YAML file of materials of your own, beside this one; they are then known to "
         "`library` of a material, as the published ones are",
     )
-    geometry: Geometry
+    geometry: Geometry = Field(description="what the device is made of: by `shape`")
     regions: dict[str, str] | None = Field(
         None, description="of an own mesh: materials of regions whose names are no materials"
     )

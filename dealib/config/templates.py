@@ -8,6 +8,7 @@ from typing import Any
 from dealib.config.reference import (
     MODELINE,
     Node,
+    inner,
     json_schema,
     kind,
     meaning,
@@ -119,20 +120,26 @@ def template(name: str) -> str:
 def _lines(node: Node, values: Node, defs: Node, indent: str) -> Iterator[str]:
     """The keys of a section: those with a value, and as comments those that could be added."""
     for key, value in node["properties"].items():
-        inner = _chosen(value, values.get(key), defs)
-        given = values.get(key)
+        given, (held, on) = values.get(key), inner(value)
+        section = _chosen(value, given, defs)
         if key == "program":
             yield from (f"{key}:", *_stages(value, defs))
             yield from (f"  - {stage}" for stage in given or ())
             yield ""
-        elif "properties" in inner:
-            means = value.get("description") or inner.get("description", "")
+        elif on == ".KEY" and given is not None:
+            yield f"{indent}{key}:  # {meaning(value)}"
+            for name, one in given.items():
+                yield f"{indent}  {name}:"
+                yield from _lines(_chosen(held, one, defs), one, defs, indent + "    ")
+            yield ""
+        elif "properties" in section:
+            means = value.get("description") or section.get("description", "")
             mark = "" if given is not None else "# "
             yield f"{indent}{mark}{key}:  # {means}"
             if given is not None:
-                yield from _lines(inner, given, defs, indent + "  ")
+                yield from _lines(section, given, defs, indent + "  ")
             else:
-                for line in _lines(inner, {}, defs, "  "):
+                for line in _lines(section, {}, defs, "  "):
                     if line.strip():
                         yield f"{indent}# {line.replace('# ', '', 1)}"
             if not indent:
@@ -145,10 +152,11 @@ def _lines(node: Node, values: Node, defs: Node, indent: str) -> Iterator[str]:
 
 
 def _chosen(value: Node, given: Any, defs: Node) -> Node:
-    """The section that a key holds, of the law that is given if there is a choice."""
+    """The section that a key holds, of the kind that is given if there is a choice."""
     tagged = variants(value, defs)
     if tagged:
-        return tagged[given["law"]] if given else next(iter(tagged.values()))
+        by = value["discriminator"]["propertyName"]
+        return tagged[given[by]] if given else next(iter(tagged.values()))
     return resolve(value, defs)
 
 

@@ -135,9 +135,18 @@ def remedy(name: str, x: Array, run_x: Array) -> str:
         run_x: Those of the run.
 
     Returns:
-        A hint such as '; with the other sign 100 % would lie inside (prepare: ...)', or nothing.
+        A hint such as '; with prepare: {force: {sign: -1}} 100% would lie inside', or nothing.
     """
-    quantity = split_unit(name)[0]
+    key, _, share = brought_inside(x, run_x)
+    prepare = f"{{{split_unit(name)[0]}: {{{key}}}}}"
+    return f"; with prepare: {prepare} {share:.0%} would lie inside" if key else ""
+
+
+def brought_inside(x: Array, run_x: Array) -> tuple[str, Array, float]:
+    """The preparation that `remedy` names, what it makes of x, and the share that is then inside.
+
+    The first is empty if there is none.
+    """
     moved = {
         "sign: -1": -x,
         "zero: start": x - x[0],
@@ -148,8 +157,8 @@ def remedy(name: str, x: Array, run_x: Array) -> str:
         share = float(np.mean((values >= low) & (values <= high)))
         wide = float(np.ptp(values)) > 0.05 * float(np.ptp(run_x))
         if share >= 0.9 and wide:
-            return f"; with prepare: {{{quantity}: {{{key}}}}} {share:.0%} would lie inside"
-    return ""
+            return key, values, share
+    return "", x, 0.0
 
 
 def _rows(stages: Sequence[str], stage: str | None) -> list[int]:

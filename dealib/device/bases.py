@@ -22,6 +22,7 @@ from dealib.units import Length
 
 Held = tuple[str, tuple[str, ...]]  # boundary and axes
 Span = tuple[float, float]
+THINNEST = 1e-6  # of lengths: what is thinner is a slip of units
 _CORE = 0.5  # size of a disc's core, of the radius within which nothing begins or ends
 
 
@@ -142,6 +143,15 @@ def check_radii(inner: float, outer: float) -> None:
     if outer <= inner:
         where, above = ("outer_radius",), f"inner_radius ({inner:g} mm)"
         raise ValueAt(where, f"{outer:g} mm must exceed {above}")
+    if outer - inner < THINNEST * inner:
+        raise ValueAt(("outer_radius",), "a strip of less than a millionth of inner_radius")
+
+
+def check_thickness(thickness: float, length: float, what: str, *where: str | int) -> None:
+    """Raise `ValueAt` if a layer is too thin for what it lies on."""
+    if 0 < thickness < THINNEST * length:
+        problem = f"{thickness:g} mm are less than a millionth of the {what} length ({length:g} mm)"
+        raise ValueAt(where, f"{problem}; check the unit")
 
 
 class Disc(Base):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import signal
 import threading
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 
 from dealib.config.schema import Config
 from dealib.device import msh, own_mesh, own_strips, sheet, solid, sound
+from dealib.device.laminate import JOIN
 from dealib.device.shapes import AnnularStrips, MeshShape
 from dealib.errors import ConfigError
 from dealib.files import whole
@@ -77,7 +79,7 @@ def write(config: Config, path: Path) -> dict[str, int]:
     """Write the mesh of a config in Gmsh's format 4.1; returns the number of cells by region."""
     with gmsh_model(config) as gmsh:
         save(gmsh, path)
-        return cells_by_region(gmsh.model)
+        return cells_by_region(gmsh.model, {region.name for region in config.device.regions})
 
 
 def check(config: Config) -> None:
@@ -86,16 +88,15 @@ def check(config: Config) -> None:
         pass
 
 
-def cells_by_region(model: Any) -> dict[str, int]:
-    """Number of cells in each named region."""
-    return {
-        model.getPhysicalName(2, tag): sum(
-            len(ids)
-            for surface in model.getEntitiesForPhysicalGroup(2, tag)
-            for ids in model.mesh.getElements(2, surface)[1]
-        )
-        for _, tag in model.getPhysicalGroups(2)
-    }
+def cells_by_region(model: Any, regions: set[str]) -> dict[str, int]:
+    """Number of cells in each region; those of a sheet are of several, such as 'film&patch'."""
+    dim, found = model.getDimension(), Counter[str]()
+    for _, tag in model.getPhysicalGroups(dim):
+        names = model.getPhysicalName(dim, tag).split(JOIN)
+        for entity in model.getEntitiesForPhysicalGroup(dim, tag):
+            cells = sum(map(len, model.mesh.getElements(dim, entity)[1]))
+            found[JOIN.join(n for n in names if n in regions)] += cells
+    return dict(found)
 
 
 def _read(gmsh: Any, config: Config) -> None:

@@ -69,14 +69,14 @@ class MeshFile:
             if members:
                 model.addPhysicalGroup(dim, members, tag, name)
 
-    def surfaces(self) -> dict[str, list[Array]]:
-        """Corners of the cells of each named surface, (cells, corners, 2) by kind of cell."""
+    def cells(self, dim: int) -> dict[str, list[Array]]:
+        """Corners of the named cells of a dimension, (cells, corners, 3) by kind of cell."""
         found: dict[str, list[Array]] = defaultdict(list)
-        for (dim, entity, kind), nodes in self.elements.items():
-            for tag in self.groups.get((dim, entity), ()) if dim == 2 else ():
-                if (dim, tag) in self.names:
+        for (of, entity, kind), nodes in self.elements.items():
+            for tag in self.groups.get((of, entity), ()) if of == dim else ():
+                if (of, tag) in self.names:
                     corners = nodes[:, : TYPES[kind][2]]
-                    found[self.names[dim, tag]].append(self.points[corners, :2])
+                    found[self.names[of, tag]].append(self.points[corners])
         return dict(found)
 
 

@@ -31,7 +31,7 @@ def prepare(gmsh: Any, config: Config, shape: MeshShape) -> None:
     Raises:
         ConfigError: If there are cells of other kinds, or cells without a region.
     """
-    mesh, dim, file = gmsh.model.mesh, shape.kinematics.dim, f"geometry.file {shape.file}"
+    mesh, dim, file = gmsh.model.mesh, shape.kinematics.dim, shape.file
     scale = factor(shape.unit, "mm")
     if scale != 1:
         mesh.affineTransform((np.eye(4) * scale)[:3].ravel().tolist())

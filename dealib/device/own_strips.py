@@ -54,7 +54,7 @@ def check(model: Any, path: str, geometry: AnnularStrips) -> None:
         ConfigError: If they differ.
     """
     for problem in _problems(model, geometry):
-        raise ConfigError(f"mesh.file {path}: {problem}")
+        raise ConfigError(f"{path}: {problem}")
 
 
 def _problems(model: Any, geometry: AnnularStrips) -> Iterator[str]:

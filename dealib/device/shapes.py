@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, Union
 
 from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
 
-from dealib.device.bases import Annulus, AnyBase, Base, Rectangle, check_radii
+from dealib.device.bases import Annulus, AnyBase, Base, Rectangle, check_radii, check_thickness
 from dealib.device.kinematics import SPACES, Kinematics
 from dealib.device.laminate import Blocks, Laminate, Layer, Part
 from dealib.device.plan import SQUARE
@@ -64,6 +64,9 @@ class AnnularStrips(Section):
     @model_validator(mode="after")
     def _possible(self) -> AnnularStrips:
         check_radii(self.inner_radius, self.outer_radius)
+        for key in ("film_thickness", "electrode_thickness"):
+            length = self.outer_radius - self.inner_radius
+            check_thickness(getattr(self, key), length, "strips'", key)
         solid = self.film_thickness / 2 + self.electrode_thickness
         if self.clamps is not None:
             if self.clamps.width >= self.inner_radius:
@@ -238,8 +241,12 @@ class LaminateShape(Section):
     @model_validator(mode="after")
     def _possible(self) -> LaminateShape:
         seen: set[str] = set()
+        first, last = self.base.limits
         for k, given in enumerate(self.layers):
-            for layer in given.layers if isinstance(given, Repeat) else [given]:
+            inner = given.layers if isinstance(given, Repeat) else [given]
+            for i, layer in enumerate(inner):
+                at = (k, "layers", i) if isinstance(given, Repeat) else (k,)
+                check_thickness(layer.thickness, last - first, "base's", "layers", *at, "thickness")
                 if layer.name in seen:
                     problem = f"there are two layers {layer.name!r}; give them different names"
                     raise ValueAt(("layers", k), problem)

@@ -41,18 +41,21 @@ def build(gmsh: Any, laminate: Laminate, mesh: Any) -> None:
         cells = cells[:, : 2 * dim]
         ends = {name: nodes[:, : max(1, 2 * (dim - 1))] for name, nodes in ends.items()}
     model, used = gmsh.model, np.unique(cells)
+    tags = np.arange(1, len(used) + 1)  # without gaps
     flat = np.column_stack([points, np.zeros((len(points), 3 - points.shape[1]))])
     first = True
     for name, mask in _areas(laminate, at).items():
         entity = model.addDiscreteEntity(dim)
         if first:
-            model.mesh.addNodes(dim, entity, used + 1, flat[used].ravel())
+            model.mesh.addNodes(dim, entity, tags, flat[used].ravel())
             first = False
-        model.mesh.addElementsByType(entity, _TYPES[dim, order], [], cells[mask].ravel() + 1)
+        nodes = tags[np.searchsorted(used, cells[mask])]
+        model.mesh.addElementsByType(entity, _TYPES[dim, order], [], nodes.ravel())
         model.addPhysicalGroup(dim, [entity], name=name)
     for name, nodes in ends.items():
         entity = model.addDiscreteEntity(dim - 1)
-        model.mesh.addElementsByType(entity, _TYPES[dim - 1, order], [], nodes.ravel() + 1)
+        nodes = tags[np.searchsorted(used, nodes)]
+        model.mesh.addElementsByType(entity, _TYPES[dim - 1, order], [], nodes.ravel())
         model.addPhysicalGroup(dim - 1, [entity], name=name)
 
 

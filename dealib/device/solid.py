@@ -119,7 +119,9 @@ class _Stack:
         count = len(self.plan.points)
         x = np.column_stack([np.tile(self.plan.points, (len(z), 1)), np.repeat(z, count)])
         solids, faces = self._solids(count), self._faces(count)
-        used = np.unique(np.concatenate([nodes.ravel() for _, nodes in (*solids, *faces)]))
+        corners = solids if self.order == 2 else [(name, nodes[:, :8]) for name, nodes in solids]
+        used = np.unique(np.concatenate([nodes.ravel() for _, nodes in corners]))
+        tags = np.arange(1, len(used) + 1)  # without gaps
         first = None
         for dim, groups in ((3, solids), (2, faces)):
             kind, nodes_of = _TYPES[dim, self.order]
@@ -130,10 +132,8 @@ class _Stack:
                 entity = model.addDiscreteEntity(dim)
                 if first is None:
                     first = entity
-                    if self.order == 1:
-                        used = np.unique(np.concatenate([n[:, :8].ravel() for _, n in solids]))
-                    model.mesh.addNodes(3, entity, used + 1, x[used].ravel())
-                nodes = np.concatenate(parts) + 1
+                    model.mesh.addNodes(3, entity, tags, x[used].ravel())
+                nodes = tags[np.searchsorted(used, np.concatenate(parts))]
                 model.mesh.addElementsByType(entity, kind, [], nodes.ravel())
                 model.addPhysicalGroup(dim, [entity], name=name)
 

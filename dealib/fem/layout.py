@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 from mpi4py import MPI
@@ -25,7 +26,8 @@ class Layout:
     """Nodal values by cell on this rank, and the whole mesh on rank 0.
 
     The columns of nodal values are u by axis, mm, phi, kV, and p, MPa, in the mixed form. Of a
-    sheet phi is the voltage across the layer.
+    sheet phi is the voltage across the layer; in tension fields the components of the excess
+    metric follow (see `materials.wrinkling`).
 
     Attributes:
         cell: Reference cell.
@@ -135,10 +137,23 @@ class Layout:
         columns = [w[d[self._cells]] for d in self._dofs]
         if self._problem.kinematics.sheet:
             columns.append(np.broadcast_to(self._voltages()[:, None], columns[0].shape))
+            if sheet := self._wrinkled:
+                excess = sheet.excess_of_cells(self._cells) @ np.linalg.pinv(self._at_quadrature).T
+                columns += list(np.moveaxis(excess, 1, 0))
         if self._pressure is not None:
             dofs, basis = self._pressure
             columns.append(w[dofs] @ basis.T)
         return np.stack(columns, axis=-1)
+
+    @property
+    def _wrinkled(self) -> Any:
+        sheet = self._problem.sheet
+        return sheet if sheet is not None and sheet.wrinkles else None
+
+    @cached_property
+    def _at_quadrature(self) -> Floats:
+        """Shape functions of the nodes at the quadrature points, (points, nodes)."""
+        return self.cell.shape(self._wrinkled.reference)[0]
 
     def _voltages(self) -> Floats:
         """Voltage across the layer of each row of a sheet, kV."""
@@ -189,6 +204,10 @@ class Layout:
         if self._pressure is not None:
             dofs, basis = self._pressure
             w.x.array[dofs[cells]] = mine[..., -1] @ np.linalg.pinv(basis).T
+        if sheet := self._wrinkled:
+            excess = mine[..., len(self._dofs) + 1 :]
+            at = np.einsum("qn,cnk->cqk", self._at_quadrature, excess)
+            sheet.set_excess(cells, at)
         w.x.scatter_forward()
 
 

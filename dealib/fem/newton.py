@@ -13,6 +13,7 @@ from petsc4py import PETSc
 
 import numpy as np
 
+from dealib.config.schema import Config
 from dealib.device.records import CHAMBER, MOUNT, TERMINAL
 from dealib.errors import NotConverged
 from dealib.fem.compat import DIVERGED_NAN, free
@@ -26,6 +27,7 @@ log = logging.getLogger(__name__)
 _OPTIONS: dict[str, Any] = {"snes_type": "newtonls", "snes_linesearch_type": "basic"}
 _EXACT = 1e-12  # of a linear solution that nothing corrects afterwards
 _STEP = 1e-7  # negligible step: of the film's thickness, of 1 kV, of its shear modulus
+_FOLDING = 5  # times as many iterations in tension fields, whose tangent jumps
 _ROUNDING = 1e4  # how far above the tolerance rounding may keep the residual
 Reason = PETSc.SNES.ConvergedReason
 
@@ -92,7 +94,7 @@ class Newton:
         self._snes.setJacobian(_weak(self._tangent), self.system.matrix)
         self._snes.setConvergenceTest(_weak(self._test))
         # `_test` alone decides; PETSc 3.25 would take a failed line search for a small step
-        self._snes.setTolerances(stol=0.0, max_it=solver.max_iterations)
+        self._snes.setTolerances(stol=0.0, max_it=_iterations(problem.config))
         set_linear_solver(self._snes, self.system, symmetric)
         set_options(self._snes.getOptionsPrefix(), _OPTIONS)
         self._snes.setFromOptions()
@@ -138,9 +140,12 @@ class Newton:
         """Small-signal capacitance of the one terminal at 0 V with the body frozen, nF.
 
         One back-substitution with the last tangent gives a trial potential for a unit test
-        voltage; the electric energy is stationary in it, so its error enters squared.
+        voltage; the electric energy is stationary in it, so its error enters squared. Of a sheet,
+        whose layers have no potential of their own, it is the derivative of its charge.
         """
         system, problem = self.system, self.system.problem
+        if problem.sheet is not None:
+            return -problem.integrate(f"corner {port} {port}")
         q = system.q
         if not self._factored:
             system.residual(q, system.residual_vector)
@@ -256,6 +261,12 @@ class Newton:
         """
         step = self.system.field_norms(self._snes.getSolutionUpdate())
         return bool((step <= self._step_tolerance).all())
+
+
+def _iterations(config: Config) -> int:
+    """Most iterations; what wrinkles is found among them."""
+    folding = config.physics.wrinkling == "tension_field"
+    return config.solver.max_iterations * (_FOLDING if folding else 1)
 
 
 def _weak(method: Callable[..., Any]) -> Callable[..., Any]:

@@ -259,7 +259,7 @@ class Problem:
         W, w = self.spaces.W, self.spaces.w
         if name == "locked":
             return compat.form(self._locked_volume())
-        if name in ("elastic", "electric"):
+        if name in ("elastic", "electric", "wrinkled"):
             found = self.sheet.energy(name) if self.sheet else self.potential(getattr(self, name))
             return compat.form(found)
         kind, *ports = name.split(" ")
@@ -367,6 +367,12 @@ class Problem:
         """Set the values of the ports that no degree of freedom follows."""
         for name, value in self.values.items():
             value.ufl_operands[0].value = ports[name]
+
+    def wrinkled_area(self) -> float:
+        """Of a tension field, as mounted, mm^2 (collective)."""
+        assert self.sheet is not None
+        self.sheet.flag_wrinkles()
+        return self.integrate("wrinkled")
 
     def integrate(self, name: str) -> float:
         """Integral of a scalar form at the current state, summed over ranks."""

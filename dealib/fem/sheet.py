@@ -121,6 +121,7 @@ class Layer:
         low, high = (volts[port] if port else 0.0 for port in self._sheet.between)
         self._sheet.field.value = (low - high) / self._sheet.thickness
         s = self._sheet.stretch.x.array
+        s[~np.isfinite(s)] = 1.0  # what an increment that failed has left
         for _ in range(_MOST):
             step = compat.evaluate(self._step, self._mesh, self._cells, self._points)[..., 0]
             s[self._dofs] *= np.exp(-np.clip(step, -0.5, 0.5))
@@ -153,6 +154,7 @@ class SheetModel:
 
     Attributes:
         wrinkles: Of each part of the base, in tension fields.
+        reference: Quadrature points of the reference cell.
 
     Args:
         domain: The mesh.
@@ -191,9 +193,12 @@ class SheetModel:
         mesh, total = domain.mesh, _FIRST + count + len(self._pairs[0])
         element = compat.quadrature_element(mesh, degree, total)
         self._values = fem.Function(compat.functionspace(mesh, element), name="resultants")
+        scalars = compat.functionspace(mesh, compat.quadrature_element(mesh, degree, 1))
+        self._flags = fem.Function(scalars, name="wrinkled")
         self._cells = {area: domain.cells(area) for area in self._layers}
         points = len(compat.quadrature(mesh, degree)[0])
         self._points, self.wrinkles = points, {}
+        self.reference = compat.quadrature(mesh, degree)[0]
         measure = ufl.Measure("dx", domain=mesh, metadata={"quadrature_degree": degree})
         self._volume, self._measure = kinematics.volume(x), measure
         if slack is not None:
@@ -205,6 +210,26 @@ class SheetModel:
             )
 
     # --- at the quadrature points ----------------------------------------------------------------
+
+    def excess_of_cells(self, cells: Any) -> Any:
+        """The excess metric at the quadrature points of cells, (cells, components, points)."""
+        dofs = compat.cell_dofs(self._excess.function_space)[cells]
+        return np.swapaxes(self._excess.x.array.reshape(-1, self._size)[dofs], 1, 2)
+
+    def set_excess(self, cells: Any, excess: Any) -> None:
+        """Start from another excess metric, (cells, points, components)."""
+        dofs = compat.cell_dofs(self._excess.function_space)
+        array = self._excess.x.array.reshape(-1, self._size)
+        array[dofs[cells]] = excess
+        for area, wrinkles in self.wrinkles.items():
+            wrinkles.set_excess(array[dofs[self._cells[area]]].reshape(-1, self._size))
+
+    def flag_wrinkles(self) -> None:
+        """Mark the quadrature points that are wrinkled or slack for the energy 'wrinkled'."""
+        dofs = compat.cell_dofs(self._flags.function_space)
+        for area, cells in self._cells.items():
+            flags = self.wrinkles[area].wrinkled.reshape(len(cells), self._points)
+            self._flags.x.array[dofs[cells]] = flags
 
     def settle(self) -> None:
         """Bring stretches and wrinkles to where they belong, and find the energy's derivatives."""
@@ -272,7 +297,9 @@ class SheetModel:
     # --- forms -----------------------------------------------------------------------------------
 
     def energy(self, name: str) -> Any:
-        """The elastic or the electric energy, mJ."""
+        """The elastic or the electric energy, mJ; or the wrinkled area as mounted, mm^2."""
+        if name == "wrinkled":
+            return self._over(self._flags[0])
         return self._over(self._values[_ELASTIC if name == "elastic" else _ELECTRIC])
 
     def first(self, test: Any) -> Any:

@@ -60,6 +60,11 @@ class Wrinkles:
         """N, (points, count)."""
         return components(self.root @ self.root, len(self._basis))
 
+    @property
+    def wrinkled(self) -> Array:
+        """Whether each point is wrinkled or slack, as 1 or 0, (points,)."""
+        return np.asarray(np.abs(self.root).max(axis=(-1, -2)) > _FLAT, dtype=float)
+
     def set_excess(self, excess: Array) -> None:
         """Start from another N."""
         values, vectors = np.linalg.eigh(matrices(excess))
@@ -73,6 +78,7 @@ class Wrinkles:
             evaluate: Derivatives of the energy by the components of C at an excess N: the first
                 ones (points, count), and the second ones (points, count, count).
         """
+        self.root[~np.isfinite(self.root).all(axis=(-1, -2))] = 0.0  # after what failed
         for _ in range(_MOST):
             slope, curvature = evaluate(self.excess)
             if self._kick(slope, curvature):
@@ -154,11 +160,37 @@ def extended(F: Array, excess: Array, plane: tuple[int, int]) -> Array:
         plane: Numbers of the columns that N belongs to.
     """
     columns = list(plane)
+    values, vectors = np.linalg.eigh(matrices(excess))  # between points it may be below zero
+    N = (vectors * values.clip(min=0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
     flat = F[..., columns]
     C = np.swapaxes(flat, -1, -2) @ flat
     found = F.copy()
-    found[..., columns] = flat @ _root(C, -0.5) @ _root(C + matrices(excess), 0.5)
+    found[..., columns] = flat @ _root(C, -0.5) @ _root(C + N, 0.5)
     return found
+
+
+def crests(F: Array, excess: Array, plane: tuple[int, int]) -> tuple[Array, Array]:
+    """Wrinkles as a picture shows them.
+
+    Args:
+        F: Of the smooth surface, (..., 3, 3).
+        excess: N, (..., count).
+        plane: Numbers of the columns that N belongs to.
+
+    Returns:
+        By how much the film is longer across the crests than the surface, as a share, (...), and
+        that times the direction of the crests in the deformed film, (..., 3).
+    """
+    flat = F[..., list(plane)]
+    C = np.swapaxes(flat, -1, -2) @ flat
+    values, vectors = np.linalg.eigh(matrices(excess))
+    across = vectors[..., 1]
+    length = np.einsum("...a,...ab,...b", across, C, across)
+    share = np.sqrt(1 + values[..., 1].clip(min=0.0) / length) - 1
+    turned = np.stack([-across[..., 1], across[..., 0]], axis=-1)
+    crest = np.einsum("...ia,...a", flat, turned)
+    crest /= np.linalg.norm(crest, axis=-1, keepdims=True)
+    return share, share[..., None] * crest
 
 
 def _root(A: Array, power: float) -> Any:

@@ -85,7 +85,7 @@ class Column:
     @property
     def label(self) -> str:
         """In pictures and tables, such as 'displacement of plate'."""
-        names = [port.name for port in self.ports if port.suffix]
+        names = dict.fromkeys(port.name for port in self.ports if port.suffix)
         return f"{self.quantity.label} of {' and '.join(names)}" if names else self.quantity.label
 
     def measure(self, s: Snapshot) -> float:
@@ -117,6 +117,10 @@ _BRANCHES = Need(
     "Maxwell branches, such as materials.film.branches",
     lambda c: any(law.branches for law in c.solids.values()),
 )
+_TENSION_FIELD = Need(
+    "physics.wrinkling: tension_field", lambda c: c.physics.wrinkling == "tension_field"
+)
+_TAUT = Need("physics.wrinkling: taut", lambda c: c.physics.wrinkling == "taut")
 _FOLLOW = Need("a stage with follow", lambda c: any(s.follow is not None for s in c.program))
 
 
@@ -215,6 +219,7 @@ QUANTITIES: tuple[Quantity, ...] = (
     Q(
         *("wrinkling_use", "", "wrinkling"),
         lambda s: s.peak("wrinkling_use", lambda f: f.film.wrinkling(f.tensions)),
+        _TAUT,
     ),
     Q(
         *("pull_in_use", "", "pull-in"),
@@ -245,6 +250,11 @@ QUANTITIES: tuple[Quantity, ...] = (
     *(
         Q(f"{kind.name}_work_mJ", "mJ", f"work of the {kind.name}", kind=kind)
         for kind in (MOUNT, TERMINAL, CHAMBER)
+    ),
+    Q(
+        *("wrinkled_area_mm2", "mm2", "wrinkled area as mounted"),
+        lambda s: s.newton.system.problem.wrinkled_area(),
+        _TENSION_FIELD,
     ),
     Q("energy_residual_mJ", "mJ", "energy residual"),
     Q("unstable_modes", "", "unstable modes", needs=_FOLLOW),

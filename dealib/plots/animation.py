@@ -1,4 +1,4 @@
-"""A film of the deforming strips with their field, beside the curves of the inputs."""
+"""A film of the deforming device with its field, beside the curves of the inputs."""
 
 from __future__ import annotations
 
@@ -15,26 +15,27 @@ from dealib.errors import ConfigError
 from dealib.files import whole
 from dealib.plots.contours import Painted, frame, magnification, paint, scale, scale_note
 from dealib.plots.curves import steady
-from dealib.plots.labels import label, plain
+from dealib.plots.labels import label, plain, split
 from dealib.plots.shape import Shape
 from dealib.plots.style import Theme
+from dealib.plots.views import Scene
 from dealib.results import stages
 from dealib.results.elements import Array
-from dealib.results.quantities import Quantity, quantity
+from dealib.results.quantities import Quantity, main_stress, quantity
 from dealib.results.reader import Run
-from dealib.results.summary import moment, under_voltage
+from dealib.results.summary import drive, moment, motion, under_voltage
 from dealib.units import neat
 
 FORMATS = (".mp4", ".gif")
 _SIZE, _DPI = (12.8, 7.2), 100  # 1280 x 720: H.264 wants even numbers
-_COLUMNS = ("displacement_mm", "force_N", "voltage_kV")
 Image = npt.NDArray[np.uint8]
 
 
 def usual(run: Run) -> list[Quantity]:
     """What to show if nothing is asked for: a stress, and the field of a run under voltage."""
-    names = ["S_RR", "E"] if under_voltage(run.history).any() else ["S_RR"]
-    return [quantity(name) for name in names]
+    device = run.config.device
+    names = [main_stress(device), *(["E"] if under_voltage(run.history).any() else [])]
+    return [quantity(name, device.kinematics) for name in names]
 
 
 def frames(run: Run, whats: Sequence[Quantity], look: Theme, count: int) -> Iterator[Image]:
@@ -63,11 +64,11 @@ def frames(run: Run, whats: Sequence[Quantity], look: Theme, count: int) -> Iter
         x, *values = ((1 - s) * a + s * b for a, b in zip(at(k), at(k + 1), strict=True))
         for part, now in zip(painted, values, strict=True):
             part.move(x, now)
-        inputs = {c: float(np.interp(t, rows[clock], rows[c])) for c in _COLUMNS}
+        inputs = {c: float(np.interp(t, rows[clock], rows[c])) for c in markers}
         for column, marker in markers.items():
             marker.set_data([t], [inputs[column]])
         row = {"step": round(t), "time_s": t, "stage": rows["stage"][steps[k + (s > 0)]]}
-        told = [f"{neat(inputs[c], 3)} {c.rpartition('_')[2]}" for c in _COLUMNS]
+        told = [f"{neat(inputs[c], 3)} {split(c)[1]}".rstrip() for c in markers]
         when = moment(run, row) if clock == "step" else f"t = {t:.2f} s, {row['stage']}"
         inputs_told = ",  ".join(told).replace("-", "−")
         note.set_text(plain(f"{run.title}     {when}     {inputs_told}"))
@@ -75,17 +76,22 @@ def frames(run: Run, whats: Sequence[Quantity], look: Theme, count: int) -> Iter
         yield np.asarray(figure.canvas.buffer_rgba())[..., :3].copy()
 
 
+def _shown(run: Run) -> list[str]:
+    """Columns of the curves."""
+    return list(dict.fromkeys([*motion(run), drive(run)]))
+
+
 def _typical(run: Run) -> list[int]:
     """Stored steps that span the range of values: some at equal distances, and the extremes."""
     steps = run.stored_steps
-    rows = run.history.set_index("step").loc[steps, ["voltage_kV", "displacement_mm"]].abs()
+    rows = run.history.set_index("step").loc[steps, _shown(run)].abs()
     some = {steps[k] for k in np.linspace(0, len(steps) - 1, 9, dtype=int)}
     return sorted(some | {int(k) for k in rows.idxmax()})
 
 
 def _scene(
     run: Run, whats: Sequence[Quantity], look: Theme, factor: float, clock: str
-) -> tuple[Any, list[Painted], dict[str, Any], Any]:
+) -> tuple[Any, list[Painted | Scene], dict[str, Any], Any]:
     """The figure, the painted layers, the markers by column, and the line that tells the state."""
     shapes = [Shape(run, step, n=2) for step in _typical(run)]
     moved = np.concatenate([shape.moved(factor) for shape in shapes])
@@ -93,20 +99,25 @@ def _scene(
     figure = plt.figure(figsize=_SIZE, dpi=_DPI, layout="constrained")
     halves: Any = figure.subfigures(1, 2, width_ratios=(1.15, 1))
     left, right = halves
-    painted = []
+    painted: list[Painted | Scene] = []
     for axis, what in zip(left.subplots(len(whats), 1, squeeze=False)[:, 0], whats, strict=True):
         values = [shape.values(what) for shape in shapes]
         colours = scale(shapes[0], np.array(values), look, what)
-        painted.append(paint(axis, shapes[0], shapes[0].moved(factor), values[0], colours, look))
+        if shapes[0].solid:
+            painted.append(Scene(axis, shapes[0], what, colours, look, (low, high)))
+        else:
+            first = (shapes[0].moved(factor), values[0])
+            painted.append(paint(axis, shapes[0], *first, colours, look))
+            frame(axis, shapes[0])
+            axis.set_adjustable("box")
+            a, b = np.stack([low, high], axis=1) + 0.04 * (high - low)[:, None] * (-1, 1)
+            axis.set(xlim=a, ylim=b)
         axis.set_title(scale_note(factor), loc="left")
-        frame(axis)
-        axis.set_adjustable("box")
-        pad = 0.04 * (high - low)
-        axis.set(xlim=(low[0] - pad[0], high[0] + pad[0]), ylim=(low[1] - pad[1], high[1] + pad[1]))
         colours.bar(left, what.title, ax=axis)
     markers, history = {}, run.history
-    axes = right.subplots(len(_COLUMNS), 1, sharex=True)
-    for k, (axis, column) in enumerate(zip(axes, _COLUMNS, strict=True)):
+    shown = _shown(run)
+    axes = right.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+    for k, (axis, column) in enumerate(zip(axes, shown, strict=True)):
         axis.plot(history[clock], history[column], color=f"C{k}")
         markers[column] = axis.plot([], [], "o", color=look.ink, ms=7)[0]
         axis.set_ylabel(label(column))

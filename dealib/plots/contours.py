@@ -1,4 +1,4 @@
-"""Contours on the layers: deformed, straightened, and true to scale at both ends."""
+"""Contours in a plane: deformed; of laminates also straightened, and true to scale at each end."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import ListedColormap, Normalize, TwoSlopeNorm
 from matplotlib.tri import Triangulation
 
-from dealib.geometry.names import FRAME_BLOCK, MOUNT_BLOCK
 from dealib.plots.labels import plain
 from dealib.plots.shape import Shape
 from dealib.plots.style import Theme
@@ -19,7 +18,6 @@ from dealib.results.elements import Array
 from dealib.results.quantities import Quantity
 
 _EXCEEDED = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}  # colour bar's ends
-_RIGID = (MOUNT_BLOCK, FRAME_BLOCK)
 
 
 @dataclass(frozen=True)
@@ -65,31 +63,52 @@ def fill(
 
     Args:
         part: The figure.
-        shape: The step.
+        shape: The step, in a plane.
         what: The quantity.
         look: Colours.
         limits: Of the colours.
         zoom: Length shown of each end, mm.
+
+    Raises:
+        ValueError: If the device is none in a plane.
     """
+    if shape.solid:
+        raise ValueError("contours are drawn of devices in a plane; this one is in space")
     values = shape.values(what)
     colours = scale(shape, values, look, what, limits)
-    axes = part.subplot_mosaic([["whole", "straight"], ["inner", "outer"]], height_ratios=(1.25, 1))
+    ends = [] if shape.laminate is None else [e for e in shape.laminate.base.ends if e]
+    rows = [["whole", "straight"], ends * (3 - len(ends))] if shape.core else [["whole"]]
+    ratios = (1.25, 1) if shape.core else (1,)
+    axes = part.subplot_mosaic(rows, height_ratios=ratios)
     factor = magnification(shape)
     paint(axes["whole"], shape, shape.moved(factor), values, colours, look)
-    frame(axes["whole"])
+    _blocks(axes["whole"], shape, look)
+    frame(axes["whole"], shape)
     axes["whole"].set_title(scale_note(factor), loc="left")
-    straight = axes["straight"]
-    paint(straight, shape, shape.strips.points * (1, 1e3), values, colours, look)
-    straight.set(xlabel="R on the mesh (mm)", ylabel="Z on the mesh (µm)")
-    straight.set_title("straightened", loc="left")
-    straight.margins(0.02, 0.05)
-    for side in ("inner", "outer"):
-        axis = axes[side]
-        paint(axis, shape, shape.moved(), values, colours, look)
-        _blocks(axis, shape, look)
-        _zoom(axis, shape, side, zoom)
-        axis.set_title(f"{side} end, true scale", loc="left")
+    if shape.core:
+        _straightened(axes["straight"], shape, values, colours, look)
+        for end in ends:
+            axis = axes[end]
+            paint(axis, shape, shape.moved(), values, colours, look)
+            _blocks(axis, shape, look)
+            _zoom(axis, shape, end, zoom)
+            axis.set_title(plain(f"{end} end, true scale"), loc="left")
     colours.bar(part, what.title, ax=list(axes.values()), aspect=40, pad=0.02)
+
+
+def _straightened(axis: Any, shape: Shape, values: Array, colours: Scale, look: Theme) -> None:
+    """The layers as they lie in the mesh, their thickness filling the height."""
+    across, names = shape.section.across, shape.kinematics.axes
+    unit, factor = ("µm", 1e3) if shape.thickness < 0.5 else ("mm", 1.0)
+    points = shape.points[:, [1 - across, across]] * (1, factor)
+    paint(axis, shape, points, values, colours, look)
+    axis.set(
+        xlabel=f"{names[1 - across]} on the mesh (mm)",
+        ylabel=f"{names[across]} on the mesh ({unit})",
+        title="",
+    )
+    axis.set_title("straightened", loc="left")
+    axis.margins(0.02, 0.05)
 
 
 def scale(
@@ -122,13 +141,15 @@ def scale(
     extend = _EXCEEDED[least < low - 0.02 * size, most > high + 0.02 * size]
     if min(-low, high) > 0.15 * size:
         return Scale(TwoSlopeNorm(0, *(limits or (-size, size))), look.diverging, extend)
-    if high - low < 1e-6 * size:
+    if high - low < 1e-3 * size:
         low, high = low - 0.05 * size, high + 0.05 * size
     return Scale(Normalize(low, high), look.sequential, extend)
 
 
 def _by_area(shape: Shape, values: Array, fractions: Array) -> Array:
-    """Values below which the given fractions of the area lie that has any."""
+    """Values below which the given fractions of the area lie that has any; in space, of nodes."""
+    if shape.solid:
+        return np.nanquantile(values, fractions)
     triangles = shape.strips.triangles
     mean = values[triangles].mean(axis=1)
     triangles, mean = triangles[np.isfinite(mean)], mean[np.isfinite(mean)]
@@ -141,7 +162,11 @@ def _by_area(shape: Shape, values: Array, fractions: Array) -> Array:
 
 
 def magnification(shape: Shape) -> float:
-    """A round factor that makes the thickness about a fifteenth of the length."""
+    """A round factor that makes the thickness of a laminate about a fifteenth of the length."""
+    if shape.thickness == 0 or shape.run.config.device.laminate is None:
+        return 1.0
+    if not shape.solid and shape.core is None:
+        return 1.0
     return float(max(1, round(shape.length / 15 / shape.thickness)))
 
 
@@ -193,34 +218,43 @@ def paint(axis: Any, shape: Shape, x: Array, values: Array, colours: Scale, look
     return Painted(shape, painted, others, rim)
 
 
-def frame(axis: Any) -> None:
+def frame(axis: Any, shape: Shape) -> None:
     """Equal scales and labels for a whole strip."""
     axis.set_aspect("equal", adjustable="datalim")
-    axis.set(xlabel="r (mm)", ylabel="z (mm)")
+    _axes(axis, shape)
     axis.margins(0.02, 0.1)
 
 
-def _zoom(axis: Any, shape: Shape, side: str, length: float | None) -> None:
+def _axes(axis: Any, shape: Shape) -> None:
+    x, y = (f"{name.lower()} (mm)" for name in shape.kinematics.axes)
+    axis.set(xlabel=x, ylabel=y)
+
+
+def _zoom(axis: Any, shape: Shape, end: str, length: float | None) -> None:
     """Show one end, by default about six thicknesses of it."""
-    size = shape.thickness
-    R, middle = shape.middle
-    k, inwards = (0, 1) if side == "inner" else (-1, -1)
-    near = np.abs(R - R[k]) < 3 * size
-    height = middle[near, 1]
+    assert shape.laminate is not None
+    size, across = shape.thickness, shape.section.across
+    along = 1 - across
+    X, middle = shape.middle
+    k, inwards = (0, 1) if end == shape.laminate.base.ends[0] else (-1, -1)
+    height = middle[np.abs(X - X[k]) < 3 * size, across]
     span = max(3 * size, np.ptp(height) + 1.6 * size) if length is None else length / 1.7
-    r, z = middle[k, 0], (height.min() + height.max()) / 2
+    x, y = middle[k, along], (height.min() + height.max()) / 2
+    limits = [(0.0, 0.0)] * 2
+    limits[along] = tuple(sorted((x - inwards * 0.3 * span, x + inwards * 1.7 * span)))
+    limits[across] = (y - span / 2, y + span / 2)
     axis.set_aspect("equal", adjustable="box")
-    axis.set_xlim(*sorted((r - inwards * 0.3 * span, r + inwards * 1.7 * span)))
-    axis.set_ylim(z - span / 2, z + span / 2)
-    axis.set(xlabel="r (mm)", ylabel="z (mm)")
+    axis.set(xlim=limits[0], ylim=limits[1])
+    _axes(axis, shape)
     axis.locator_params(nbins=5)
     axis.ticklabel_format(useOffset=False)
 
 
 def _blocks(axis: Any, shape: Shape, look: Theme) -> None:
     """The rigid blocks, where there are some."""
-    for name in _RIGID:
-        if name in shape.mesh.names:
-            corners = shape.mesh.cells[shape.mesh.in_region(name)][:, : shape.mesh.cell.corners]
-            x = (shape.mesh.points + shape.displacement)[corners]
-            axis.add_collection(PolyCollection(list(x), fc=look.faint, ec=look.faint))
+    mesh, x = shape.mesh, shape.mesh.points + shape.displacement
+    for region in shape.run.config.device.regions:
+        if region.material is None and not region.air:
+            corners = mesh.cells[mesh.in_region(region.name)][:, : mesh.cell.corners]
+            polygons = PolyCollection(list(x[corners]), fc=look.faint, ec=look.faint)
+            axis.add_collection(polygons, autolim=False)

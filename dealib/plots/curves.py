@@ -15,47 +15,57 @@ from dealib.plots.labels import kind, label, plain, split
 from dealib.plots.style import DASHES
 from dealib.results import stages
 from dealib.results.reader import Run
-from dealib.results.summary import MARGINS
+from dealib.results.summary import MARGINS, drive, motion, under_voltage
 
 _NOISE = 1e-12  # in the unit of any column
 
 
 def overview(runs: Sequence[Run]) -> Any:
-    """Force-displacement, the inputs in time, capacitance and field: a 2 x 2 figure."""
+    """Motion, what drives it in time, capacitance and field: a 2 x 2 figure.
+
+    The motion is that of the first run's first mount, chamber or probes (see `summary.motion`).
+    """
     figure, axes = plt.subplots(2, 2, figsize=(10.5, 7.2), layout="constrained")
     (force, time), (capacitance, last) = axes
-    voltage, clock = _panel_beside(time), clock_of(runs)
-    under_voltage = any(run.history["voltage_kV"].any() for run in runs)
+    below, clock = _panel_beside(time), clock_of(runs)
+    driven, moves = drive(runs[0]), motion(runs[0])
+    u = moves[0] if moves else driven
+    beside = moves[1] if len(moves) > 1 else driven if moves else "elastic_energy_mJ"
+    capacitances = [c for c in map(str, runs[0].history) if c.startswith("capacitance_pF")]
+    stored = [*capacitances, "elastic_energy_mJ"][0]
+    under = any(under_voltage(run.history).any() for run in runs)
     panels = (
-        (force, "displacement_mm", "force_N"),
-        (capacitance, "displacement_mm", "capacitance_pF"),
-        (last, "voltage_kV", "field_max_MV_per_m")
-        if under_voltage
-        else (last, "displacement_mm", "thickness_stretch_min"),
+        (force, u, beside),
+        (capacitance, u, stored),
+        (last, driven, "field_max_MV_per_m") if under else (last, u, "thickness_stretch_min"),
     )
+    for run in runs:
+        for column in {u, beside, stored, driven}:
+            check_column(run, column)
     for k, run in enumerate(runs):
         h, name = run.history, "; ".join([names(runs)[k], *limits.told(run)])
         dash = {"color": f"C{k}", "ls": DASHES[k % len(DASHES)]}
         for axis, x, y in panels:
             draw_history(axis, h, x, y, label=name, marker=".", ms=4, **dash)
             limits.mark(axis, run, x, y)
-        draw_history(time, h, clock, "displacement_mm", **dash)
+        draw_history(time, h, clock, u, **dash)
         if len(runs) == 1:
-            force_axis = time.twinx()
-            draw_history(force_axis, h, clock, "force_N", color="C1", ls="-.")
-            _colour(time, "left", "C0")
-            _colour(force_axis, "right", "C1")
-            force_axis.set_ylabel(label("force_N"))
-            steady(force_axis)
+            if beside not in (u, driven):
+                second = time.twinx()
+                draw_history(second, h, clock, beside, color="C1", ls="-.")
+                _colour(time, "left", "C0")
+                _colour(second, "right", "C1")
+                second.set_ylabel(label(beside))
+                steady(second)
             dash["color"] = "C2"
-        draw_history(voltage, h, clock, "voltage_kV", **dash)
+        draw_history(below, h, clock, driven, **dash)
     for axis, x, y in panels:
         axis.set(xlabel=label(x), ylabel=label(y))
-    time.set_ylabel(label("displacement_mm"))
+    time.set_ylabel(label(u))
     time.tick_params(labelbottom=False)
-    voltage.set(xlabel=label(clock), ylabel=label("voltage_kV"))
-    voltage.margins(y=0.15)  # a low panel
-    steady(force, capacitance, time, voltage, last)
+    below.set(xlabel=label(clock), ylabel=label(driven))
+    below.margins(y=0.15)  # a low panel
+    steady(force, capacitance, time, below, last)
     _keys(figure, runs, [y for _, _, y in panels], force.get_legend_handles_labels()[0])
     return figure
 

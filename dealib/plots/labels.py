@@ -7,8 +7,8 @@ import re
 from dealib.results.summary import MARGINS
 
 # SI prefix and unit; '_per_' divides: field_max_MV_per_m
-_UNIT = r"[fpnumkMG]?(?:m|s|g|N|V|C|F|J|W|A|Pa|Hz|ohm)"
-_SUFFIX = re.compile(rf"(?P<name>\w+?)_(?P<unit>{_UNIT}(?:_per_{_UNIT}2?)?)")
+_UNIT = r"[fpnumkMG]?(?:m|s|g|N|V|C|F|J|W|A|Pa|Hz|ohm)[23]?"
+_SUFFIX = re.compile(rf"(?P<name>\w+?)_(?P<unit>{_UNIT}(?:_per_{_UNIT})?)")
 
 _NAMES = {
     "time": "Time",
@@ -19,6 +19,7 @@ _NAMES = {
     "stretch_max": "Largest stretch",
     "mount_work": "Work at the mount",
     "terminal_work": "Work at the terminal",
+    "chamber_work": "Work at the chamber",
     "energy_residual": "Energy balance residual",
     "tension_min": "Smallest tension, thickness average",
     "rc_time": "Slowest time constant of the electrodes",
@@ -27,6 +28,7 @@ _NAMES = {
 _KINDS = {
     "mm": "Length", "N": "Force", "kV": "Voltage", "µC": "Charge", "pF": "Capacitance",
     "mJ": "Energy", "mW": "Power", "MV/m": "Field", "MPa": "Stress", "s": "Time",
+    "kPa": "Pressure", "mm³": "Volume",
 }  # fmt: skip
 
 
@@ -47,13 +49,16 @@ def kind(unit: str) -> str:
 def split(column: str) -> tuple[str, str]:
     """Friendly name and unit ('' if there is none) of a column.
 
-    `field_max_MV_per_m` gives ('Peak field', 'MV/m').
+    `field_max_MV_per_m` gives ('Peak field', 'MV/m'), `voltage_kV.drive` 'Voltage of drive'.
     """
-    found = _SUFFIX.fullmatch(column)
-    name, unit = (found["name"], found["unit"]) if found else (column, "")
-    unit = re.sub(r"^u|(?<=/)u", "µ", unit.replace("_per_", "/")).replace("m2", "m²")
+    stem, *ports = column.split(".")
+    found = _SUFFIX.fullmatch(stem)
+    name, unit = (found["name"], found["unit"]) if found else (stem, "")
+    unit = re.sub(r"^u|(?<=/)u", "µ", unit.replace("_per_", "/"))
+    unit = re.sub("(?<=m)[23]", lambda power: "²³"[int(power[0]) - 2], unit)
     name = _NAMES.get(name, name[:1].upper() + name[1:].replace("_", " "))
-    return name, unit
+    of = " and ".join(dict.fromkeys(ports))  # a pair of one port with itself is of this port
+    return plain(f"{name} of {of}" if of else name), unit
 
 
 def label(column: str) -> str:

@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import Any
 
 import matplotlib.pyplot as plt
-import numpy as np
 from cycler import cycler
 from matplotlib.collections import PolyCollection
 
@@ -19,6 +18,7 @@ from dealib.plots.labels import plain
 from dealib.plots.shape import Shape
 from dealib.plots.style import LIGHT, theme
 from dealib.results.quantities import quantity
+from dealib.results.summary import values_told
 from dealib.study.evaluate import Curve, Results
 from dealib.study.schema import Axis, Contour, Curves, Points, Reference, Shapes
 
@@ -107,8 +107,9 @@ def _fields(part: Any, results: Results, index: int) -> None:
     try:
         if isinstance(panel, Contour):
             name = plain(panel.label)
-            what = replace(quantity(panel.field), label=name, unit="", factor=panel.factor)
             shape = Shape(outcome.run, outcome.step(panel.stage))
+            what = quantity(panel.field, shape.kinematics)
+            what = replace(what, label=name, unit="", factor=panel.factor)
             contours.fill(part, shape, what, LIGHT, panel.limits, panel.zoom)
         else:
             _shapes(part.subplots(), [Shape(outcome.run, outcome.nearest(t)) for t in panel.times])
@@ -121,14 +122,15 @@ def _fields(part: Any, results: Results, index: int) -> None:
 def _shapes(axis: Any, shapes: list[Shape]) -> None:
     """The layers at several steps, true to scale."""
     for i, shape in enumerate(shapes):
-        _, low, high = shape.faces
-        row, colour = shape.row, COLOURS[i % len(COLOURS)]
-        label = f"{row['time_s']:g} s: {row['displacement_mm']:.2f} mm"
-        if row["voltage_kV"]:
-            label += f", {row['voltage_kV']:.3g} kV"
-        rim = np.concatenate([low, high[::-1]])
-        axis.fill(rim[:, 0], rim[:, 1], fc=colour, ec=colour, lw=0.6, label=label)
-    axis.set(xlabel="r (mm)", ylabel="z (mm)")
+        if shape.solid:
+            raise ValueError("shapes are drawn of devices in a plane; this one is in space")
+        x, colour = shape.moved()[shape.strips.triangles], COLOURS[i % len(COLOURS)]
+        told = f"{shape.row['time_s']:g} s: {values_told(shape.run, shape.row, 3)}"
+        label = plain(told)
+        axis.add_collection(PolyCollection(list(x), fc=colour, ec=colour, lw=0.3, label=label))
+    axis.autoscale_view()
+    names = shapes[0].kinematics.axes
+    axis.set(xlabel=f"{names[0].lower()} (mm)", ylabel=f"{names[1].lower()} (mm)")
     axis.set_aspect("equal")
     axis.legend(loc="center left", bbox_to_anchor=(1.02, 0.5))
 

@@ -10,12 +10,20 @@ import numpy as np
 from dealib.errors import ConfigError
 from dealib.results.elements import Array
 from dealib.results.local import region_materials
-from dealib.results.mesh import ResultMesh
+from dealib.results.mesh import Ints, ResultMesh
 from dealib.results.quantities import Quantity
 from dealib.results.reader import Run
 from dealib.results.sampling import Sampler, Strip
-from dealib.results.summary import moment, stored_note, under_voltage
-from dealib.units import neat
+from dealib.results.section import Section
+from dealib.results.summary import (
+    drive,
+    moment,
+    motion,
+    stored_note,
+    under_voltage,
+    values_told,
+    voltages,
+)
 
 
 def index_of(run: Run, step: int) -> int:
@@ -37,13 +45,14 @@ def index_of(run: Run, step: int) -> int:
 
 
 def typical_step(run: Run) -> int:
-    """The stored step of the largest voltage, else of the largest displacement."""
+    """The stored step of the largest voltage, else of the largest motion."""
     _check_stored(run)
-    stored = run.history["step"].isin(run.stored_steps)
-    under = stored & under_voltage(run.history)
-    column, chosen = ("voltage_kV", under) if under.any() else ("displacement_mm", stored)
-    rows = run.history[chosen]
-    return int(rows["step"].iloc[int(rows[column].abs().argmax())])
+    h = run.history
+    stored = h["step"].isin(run.stored_steps)
+    under = stored & under_voltage(h)
+    size = voltages(h) if under.any() else h[[*motion(run), drive(run)][0]].abs()
+    chosen = under if under.any() else stored
+    return int(h["step"][chosen].iloc[int(size[chosen].argmax())])
 
 
 def _check_stored(run: Run) -> None:
@@ -56,6 +65,8 @@ def _check_stored(run: Run) -> None:
 class Shape:
     """The layers of a run at a stored step: its regions that carry stress, from the lowest up.
 
+    In a plane they are sampled between their nodes; in three dimensions the nodes are the points.
+
     Args:
         run: The run.
         step: Step of the history; negative ones count back from the last stored one.
@@ -63,90 +74,132 @@ class Shape:
     """
 
     def __init__(self, run: Run, step: int = -1, n: int = 4) -> None:
-        self.run = run
+        self.run, self._n = run, n
         self.index = index_of(run, step)
         self.step = run.stored_steps[self.index]
         self.row: Any = run.history.set_index("step", drop=False).loc[self.step]
-        self.mesh = run.mesh
-        self.layers = layers(run)
-        self.strips = Sampler.of(self.mesh, self.layers, n=n)
+        self.section = Section(run)
+        self.mesh, self.laminate = self.section.mesh, self.section.laminate
+        self.kinematics = run.config.device.kinematics
+        self.solid = self.kinematics.dim == 3
+        self.layers = layers(run, self.section.across)
 
     @cached_property
-    def displacement(self) -> Array:
-        """Nodal (u_R, u_Z), mm."""
-        return self.run.state(self.index)[:, :2]
+    def strips(self) -> Sampler:
+        """Samples the layers in a plane."""
+        return Sampler.of(self.mesh, self.layers, n=self._n)
 
     @cached_property
     def arrays(self) -> dict[str, Array]:
         """All nodal fields."""
-        return self.run.arrays(self.index)
+        return self.section.arrays(self.index)
+
+    @property
+    def displacement(self) -> Array:
+        """Nodal displacement by axis, mm."""
+        return self.arrays["u"][:, : self.kinematics.dim]
+
+    @property
+    def points(self) -> Array:
+        """Points of the mesh that are drawn, (points, axes), mm."""
+        return self.mesh.points if self.solid else self.strips.points
+
+    @cached_property
+    def region(self) -> Ints:
+        """Region of each point."""
+        if not self.solid:
+            return self.strips.of_points(self.mesh.region[self.strips.cells])
+        found = np.empty(len(self.mesh.points), dtype=np.int64)
+        found[self.mesh.cells] = self.mesh.region[:, None]
+        return found
 
     @property
     def when(self) -> str:
         """Stage, step, time and inputs, for titles."""
-        r = self.row
         told = stored_note(self.run)
-        u, F, V = (neat(r[c], 4) for c in ("displacement_mm", "force_N", "voltage_kV"))
-        values = f"u = {u} mm, F = {F} N, V = {V} kV".replace("-", "−")
-        return f"{moment(self.run, r)}: {values}" + (f" ({told})" if told else "")
+        values = values_told(self.run, self.row)
+        return f"{moment(self.run, self.row)}: {values}" + (f" ({told})" if told else "")
+
+    @cached_property
+    def size(self) -> Array:
+        """Extent of the layers along each axis of the mesh, mm."""
+        cells = self.mesh.in_region(*self.layers)
+        return np.asarray(np.ptp(self.mesh.corners[cells].reshape(-1, self.kinematics.dim), axis=0))
 
     @property
     def thickness(self) -> float:
         """Of all layers together on the mesh, mm."""
-        return float(np.ptp(self.strips.points[:, 1]))
+        return float(self.size[self.section.across])
 
     @property
     def length(self) -> float:
         """Of the layers on the mesh, mm."""
-        return float(np.ptp(self.strips.points[:, 0]))
+        return float(max(np.delete(self.size, self.section.across)))
 
     def values(self, what: Quantity) -> Array:
-        """A quantity at the sampled points; NaN in layers to which it does not belong."""
-        sampled = self.strips(what.of(self.arrays))
+        """A quantity at the points; NaN in layers to which it does not belong."""
+        nodal = what.of(self.arrays)
         ids = [self.mesh.names.index(name) for name in drawn(self.run, what)]
-        region = self.strips.of_points(self.mesh.region[self.strips.cells])
-        return np.where(np.isin(region, ids), sampled, np.nan)
+        there = np.isin(self.region, ids)
+        return np.where(there, nodal if self.solid else self.strips(nodal), np.nan)
 
     def moved(self, magnification: float = 1.0) -> Array:
-        """Sampled points of the deformed layers, their thickness magnified about the middle."""
-        x = self.strips.points + self.strips(self.displacement)
+        """Points of the deformed layers, their thickness magnified about the middle."""
+        u = self.displacement
+        x = self.points + (u if self.solid else self.strips(u))
         if magnification == 1:
             return x
-        R, middle = self.middle
-        here = self.strips.points[:, 0]
-        centre = np.stack([np.interp(here, R, middle[:, k]) for k in (0, 1)], axis=1)
+        if self.solid:
+            centre = _middles(self.points, x)
+        else:
+            along, middle = self.middle
+            here = self.points[:, 1 - self.section.across]
+            centre = np.stack([np.interp(here, along, middle[:, k]) for k in (0, 1)], axis=1)
         return np.asarray(centre + magnification * (x - centre))
 
     @cached_property
-    def faces(self) -> tuple[Array, Array, Array]:
-        """Radii on the mesh, (points,); deformed lower and upper face there, (points, 2)."""
-        now = self.mesh.points + self.displacement
-        low, high = Strip(self.mesh, self.layers[0]), Strip(self.mesh, self.layers[-1])
-        s = high.positions
-        return high.start + s * high.length, low.at(now, s, 0.0), high.at(now, s, 1.0)
+    def core(self) -> Strip | None:
+        """The middle one of a laminate's layers in a plane that reach from end to end, if any."""
+        if self.laminate is None:
+            return None
+        strips = [Strip(self.mesh, name, self.section.across) for name in self.layers]
+        whole = [strip for strip in strips if strip.length > 0.999 * self.length]
+        return whole[len(whole) // 2] if whole else None
 
     @property
     def middle(self) -> tuple[Array, Array]:
-        """Radii on the mesh and deformed positions of the layers' middle line."""
-        R, low, high = self.faces
-        return R, (low + high) / 2
+        """Positions along the mesh and deformed ones of the core's middle line, mm."""
+        assert self.core is not None
+        s = self.core.positions
+        line = self.core.at(self.mesh.points + self.displacement, s, 0.5)
+        return self.core.start + s * self.core.length, line
 
 
-def layers(run: Run) -> tuple[str, ...]:
-    """Regions that carry stress, from the lowest up."""
+def _middles(points: Array, x: Array) -> Array:
+    """Middle of the outermost of all points above each other on the mesh, for each of them."""
+    _, column = np.unique(np.round(points[:, :2], 6), axis=0, return_inverse=True)
+    order = np.lexsort((points[:, 2], column.ravel()))
+    starts = np.flatnonzero(np.diff(column.ravel()[order], prepend=-1))
+    ends = np.append(starts[1:], len(order)) - 1
+    return np.asarray(((x[order[starts]] + x[order[ends]]) / 2)[column.ravel()])
+
+
+def layers(run: Run, across: int) -> tuple[str, ...]:
+    """Regions that carry stress, from the lowest up along an axis."""
     mesh = run.mesh
     found = [n for n, m in region_materials(run.config).items() if m.law and _has_cells(mesh, n)]
-    height = {n: mesh.corners[mesh.in_region(n)][..., 1].mean() for n in found}
+    height = {n: mesh.corners[mesh.in_region(n)][..., across].mean() for n in found}
     return tuple(sorted(found, key=height.__getitem__))
 
 
 def drawn(run: Run, what: Quantity) -> list[str]:
-    """Layers in which a quantity says something: in conductors there is no field."""
-    materials = region_materials(run.config)
+    """Regions in which a quantity says something: in conductors there is no field."""
     return [
         name
-        for name in layers(run)
-        if not ((what.is_electric or what.of_films) and materials[name].permittivity == 0)
+        for name, material in region_materials(run.config).items()
+        if _has_cells(run.mesh, name)
+        and material.law
+        and not ((what.is_electric or what.of_films) and material.permittivity == 0)
     ]
 
 

@@ -3,24 +3,43 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import BaseModel
 
 from dealib.config.program import Stage
 from dealib.config.schema import Config
+from dealib.device.laminate import Laminate
+from dealib.device.records import TERMINAL, Port
+from dealib.device.shapes import LaminateShape
 from dealib.errors import ConfigError
+from dealib.observe.quantities import Column, columns
 from dealib.results.cycles import cycles
 from dealib.results.reader import Run
-from dealib.results.summary import actuations, critical_points, moment, stored_note
+from dealib.results.summary import (
+    actuations,
+    critical_points,
+    moment,
+    motion,
+    stored_note,
+    voltages,
+)
 from dealib.units import neat, write
 
+if TYPE_CHECKING:
+    import pandas
+
 Rows = list[tuple[str, str]]
+_MOST_LAYERS = 6  # that are told one by one
 
 _QUANTITY = re.compile(r"([-+]?[\d.]+(?:e[-+]?\d+)?) (\S+)")
+
+
+_SMALLER = {"mm": "µm", "MPa": "kPa"}
 
 
 def text(value: Any) -> str:
@@ -41,8 +60,8 @@ def text(value: Any) -> str:
     if found is None:
         return str(value)
     number, unit = float(found[1]), found[2]
-    if unit == "mm" and 0 < abs(number) < 0.1:
-        number, unit = 1e3 * number, "µm"
+    if unit in _SMALLER and 0 < abs(number) < 0.1:
+        number, unit = 1e3 * number, _SMALLER[unit]
     return f"{number:.6g} {unit.replace('uC', 'µC')}".replace("-", "−")
 
 
@@ -59,15 +78,43 @@ def _words(key: str) -> str:
 
 def device(config: Config) -> dict[str, Rows]:
     """What was solved, by section."""
-    found = {
-        "Geometry": rows(config.geometry),
-        "Film": rows(config.materials.film),
-    }
-    if config.materials.electrode is not None and config.geometry.electrode_thickness > 0:
-        found["Electrodes"] = rows(config.materials.electrode)
-    found["Physics"] = rows(config.physics)
-    found["Mesh"] = rows(config.mesh)
-    return found
+    given, laminate = config.geometry, config.device.laminate
+    found = {"Geometry": rows(given)}
+    if isinstance(given, LaminateShape) and laminate is not None:
+        known = [(name, value) for name, value in found["Geometry"] if name != "layers"]
+        found["Geometry"] = known + _layers(laminate)
+    for name, material in config.solids.items():
+        found[_words(name).capitalize()] = rows(material)
+    ports = [(_title(port), _held(port)) for port in config.device.ports]
+    if ports:
+        found["Ports"] = ports
+    if config.regions:
+        found["Geometry"].append(("regions", text(config.regions)))
+    mesh = [("order", str(config.mesh.order))] if laminate is None else rows(config.mesh)
+    return found | {"Physics": rows(config.physics), "Mesh": mesh}
+
+
+def _layers(laminate: Laminate) -> Rows:
+    """The layers from the lowest up; alike ones together where there are many."""
+    told = [
+        f"{layer.material}, {text(write(layer.thickness, 'length'))}"
+        + (", on a part of the base" if layer.within is not None else "")
+        for layer in laminate.layers
+    ]
+    if len(told) <= _MOST_LAYERS:
+        names = (f"layer {layer.name}" for layer in laminate.layers)
+        return list(zip(names, told, strict=True))
+    return [("layers", f"{len(told)}")] + [(f"{n} of them", of) for of, n in Counter(told).items()]
+
+
+def _title(port: Port) -> str:
+    return port.kind.name if port.name == port.kind.name else f"{port.kind.name} {port.name}"
+
+
+def _held(port: Port) -> str:
+    """What a port takes hold of."""
+    along = f", along {port.along}" if port.along else ""
+    return f"on {', '.join(port.on)}{along}" + (", floating" if port.floating else "")
 
 
 def program(config: Config) -> list[dict[str, str]]:
@@ -77,10 +124,7 @@ def program(config: Config) -> list[dict[str, str]]:
             "stage": stage.stage,
             "duration": text(write(stage.duration, "time")) if _timed(stage) else "",
             "steps": str(stage.steps) + (f" × {stage.cycles}" if stage.cycles > 1 else ""),
-            "mount": "the film is stretched"
-            if stage.stage == "prestrain"
-            else _port("mount", stage),
-            "terminal": _port("terminal", stage),
+            "inputs": _inputs(stage),
         }
         for stage in config.program
     ]
@@ -91,70 +135,76 @@ def _timed(stage: Stage) -> bool:
     return stage.stage != "prestrain" and stage.follow is None
 
 
-def _port(port: str, stage: Stage) -> str:
-    """What a stage does at the mount or at the terminal."""
-    if stage.follow is not None and PORT_OF[stage.follow.vary] == port:
-        until = stage.follow.until.model_dump(exclude_none=True)
-        return f"{stage.follow.vary} followed until {text(until)}"
-    given = getattr(stage, port)
-    if given is None:
-        return "unchanged"
-    ((name, value),) = given.model_dump(exclude_none=True).items()
-    return f"{name} {text(value)}"
+def _inputs(stage: Stage) -> str:
+    """What a stage changes at the ports."""
+    if stage.stage == "prestrain":
+        return "the film is stretched"
+    found = []
+    for _, kind, name, given in stage.inputs:
+        ((what, value),) = given.model_dump(exclude_none=True).items()
+        port = kind.name if name in (None, kind.name) else f"{kind.name} {name}"
+        found.append(f"{port}: {_words(what)} {text(value)}")
+    if stage.follow is not None:
+        until = text(stage.follow.model_dump()["until"])
+        found.append(f"{stage.follow.vary} followed until {until}")
+    return "; ".join(found) or "unchanged"
 
 
 def headline(run: Run) -> list[tuple[str, str]]:
     """The figures that matter most, value first."""
-    h = run.history
-    u, c = h["displacement_mm"], h["capacitance_pF"]
-    found = [(f"{_number(u.min(), 4)}…{_number(u.max(), 4)} mm", "displacement")]
+    h, known = run.history, columns(run.config)
+    probes = [c.name for c in known.values() if c.probe and c.name in h]
+    own = [
+        c.name
+        for c in known.values()
+        if c.quantity.name == "capacitance_pF" and len(set(c.ports)) == 1 and c.name in h
+    ]
+    found = [_range(h, known[name]) for name in dict.fromkeys([*motion(run)[:1], *probes])]
     for a in actuations(run):
-        if a.stroke is not None:
-            found.append((f"{_number(a.stroke)} mm", f"stroke in “{a.stage}”"))
-        if a.force_change is not None:
-            found.append((f"{_number(a.force_change)} N", f"force change in “{a.stage}”"))
+        found.append((f"{_number(a.value)} {a.unit}".rstrip(), f"{a.what} in “{a.stage}”"))
     for point in critical_points(run):
         found.append((f"{_number(point.value)} {point.unit}", f"{point.name} in “{point.stage}”"))
-    found.append((f"{c.min():.4g}…{c.max():.4g} pF", "capacitance"))
+    found += [_range(h, known[name]) for name in own]
     found.append((f"{h['field_max_MV_per_m'].max():.4g} MV/m", "peak field"))
     found.append((f"{h['thickness_stretch_min'].min():.4f}", "smallest thickness stretch"))
-    return found
+    return [(value.replace("mm3", "mm³"), name) for value, name in found]
+
+
+def _range(history: Any, column: Column) -> tuple[str, str]:
+    low, high = (_number(f(history[column.name]), 4) for f in (min, max))
+    return f"{low}…{high} {column.unit}".rstrip(), column.label
 
 
 def margins(run: Run) -> list[tuple[str, str, str]]:
     """Extreme values that decide whether a device lives, and when they occur."""
     h = run.history
     found = []
-    for name, column, unit, largest in (
-        ("Largest true field in the film", "field_max_MV_per_m", "MV/m", True),
-        ("Smallest thickness stretch of the film", "thickness_stretch_min", "", False),
-        ("Largest stretch of the film", "stretch_max", "", True),
-        ("Largest voltage", "voltage_kV", "kV", True),
+    for name, values, unit, largest in (
+        ("Largest true field in the film", h["field_max_MV_per_m"], "MV/m", True),
+        ("Smallest thickness stretch of the film", h["thickness_stretch_min"], "", False),
+        ("Largest stretch of the film", h.get("stretch_max"), "", True),
+        ("Largest voltage", voltages(h) if run.config.device.of(TERMINAL) else None, "kV", True),
     ):
-        if column not in h:
+        if values is None:
             continue
-        k = int(h[column].abs().argmax() if largest else h[column].argmin())
-        row = h.iloc[k]
-        found.append((name, f"{_number(float(row[column]))} {unit}".strip(), moment(run, row)))
+        k = int(values.argmax() if largest else values.argmin())
+        found.append((name, f"{_number(float(values[k]))} {unit}".strip(), moment(run, h.iloc[k])))
     return found
 
 
 def energy(run: Run) -> Rows:
     """The balance of work and stored energy over the whole run."""
-    h = run.history
-    stored = h["elastic_energy_mJ"] + h["electric_energy_mJ"]
+    h, exchanged = run.history, _exchanged(run)
     residual = h["energy_residual_mJ"].abs().max()
-    lost = [("Dissipated in Maxwell branches", h.get("dissipated_energy_mJ"))]
-    return [
-        ("Work done at the mount", f"{_number(h['mount_work_mJ'].iloc[-1])} mJ"),
-        ("Work done at the terminal", f"{_number(h['terminal_work_mJ'].iloc[-1])} mJ"),
-        (
-            "Stored: change of elastic and electric energy",
-            f"{_number(stored.iloc[-1] - stored[0])} mJ",
-        ),
-        *((name, f"{_number(x.iloc[-1])} mJ") for name, x in lost if x is not None),
-        ("Largest residual of the balance", f"{_number(residual)} mJ: {_share_told(run)}"),
+    found = [
+        (f"{name[0].upper()}{name[1:]}", f"{_number(part.iloc[-1])} mJ")
+        for name, part in exchanged.items()
     ]
+    if "dissipated_energy_mJ" in h:
+        lost = h["dissipated_energy_mJ"].iloc[-1]
+        found.append(("Dissipated in Maxwell branches", f"{_number(lost)} mJ"))
+    told = f"{_number(residual)} mJ: {_share_told(run)}"
+    return [*found, ("Largest residual of the balance", told)]
 
 
 def cycle_table(run: Run) -> list[tuple[str, ...]]:
@@ -171,25 +221,24 @@ def cycle_table(run: Run) -> list[tuple[str, ...]]:
 
 def share(run: Run) -> float:
     """Largest residual of the energy balance, in % of the largest energy exchanged."""
-    largest = max(_exchanged(run).values())
+    largest = max(float(part.abs().max()) for part in _exchanged(run).values())
     residual = float(run.history["energy_residual_mJ"].abs().max())
     return 100 * residual / largest if largest > 0 else 0.0
 
 
-def _exchanged(run: Run) -> dict[str, float]:
-    """Largest absolute values of the work of both ports and of the change of stored energy, mJ."""
+def _exchanged(run: Run) -> dict[str, pandas.Series[float]]:
+    """Work of each port and change of stored energy, mJ, row by row."""
     h = run.history
     stored = h["elastic_energy_mJ"] + h["electric_energy_mJ"]
     parts = {
-        "work at the mount": h["mount_work_mJ"],
-        "work at the terminal": h["terminal_work_mJ"],
-        "change of stored energy": stored - stored[0],
+        f"work done at the {_title(port)}": h[port.named(f"{port.kind.name}_work_mJ")]
+        for port in run.config.device.ports
     }
-    return {name: float(part.abs().max()) for name, part in parts.items()}
+    return parts | {"change of stored energy": stored - stored[0]}
 
 
 def _share_told(run: Run) -> str:
-    exchanged = _exchanged(run)
+    exchanged = {name: float(part.abs().max()) for name, part in _exchanged(run).items()}
     most = max(exchanged, key=exchanged.__getitem__)
     return f"{share(run):.2g} % of the largest {most}, {_number(exchanged[most])} mJ"
 

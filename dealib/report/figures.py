@@ -9,18 +9,20 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, PlatformError
+from dealib.observe.quantities import columns
 from dealib.plots import style
-from dealib.plots.contours import contours
 from dealib.plots.curves import curves, overview
-from dealib.plots.labels import label, plain
+from dealib.plots.labels import label, plain, split
 from dealib.plots.limits import uses
 from dealib.plots.mesh import draw_mesh
 from dealib.plots.profiles import draw_profiles
 from dealib.plots.shape import Shape, typical_step
 from dealib.plots.style import Theme, save, theme
-from dealib.results.quantities import SURFACE_CHARGE, quantity
+from dealib.plots.views import draw_field
+from dealib.results.quantities import SURFACE_CHARGE, Quantity, main_stress, quantity
 from dealib.results.reader import Run
+from dealib.results.section import Section
 from dealib.results.summary import under_voltage
 
 _MIME = {"svg": "image/svg+xml", "png": "image/png"}
@@ -52,9 +54,8 @@ def both(draw: Callable[[Theme], Any], kind: str) -> Picture:
 
 
 def pictures(run: Run) -> tuple[dict[str, Picture], list[str]]:
-    """All pictures that the run has data for, and which of these are damaged."""
-    energies = [f"{k}_mJ" for k in ("mount_work", "terminal_work", "elastic_energy")]
-    energies += ["electric_energy_mJ", "dissipated_energy_mJ", "energy_residual_mJ"]
+    """All pictures that the run has data for, and which of these cannot be had."""
+    energies = [name for name in columns(run.config) if split(name)[1] == "mJ"]
     energies = [name for name in energies if name in run.history]
     found = {
         "overview": both(lambda look: overview([run]), "svg"),
@@ -67,9 +68,16 @@ def pictures(run: Run) -> tuple[dict[str, Picture], list[str]]:
     for draw in (_fields, _mesh):
         try:
             found |= draw(run)
-        except ConfigError as error:
+        except (ConfigError, PlatformError) as error:
             lost.append(f"{error}; its pictures are left out.")
     return found, lost
+
+
+def shown(run: Run) -> list[Quantity]:
+    """Fields that are drawn: the electric one, and stresses along the layers and across them."""
+    device, section = run.config.device, Section(run)
+    names = [main_stress(device), f"S_{2 * device.kinematics.axes[section.across]}"]
+    return [quantity(name, device.kinematics) for name in dict.fromkeys(["E", *names])]
 
 
 def _fields(run: Run) -> dict[str, Picture]:
@@ -78,17 +86,19 @@ def _fields(run: Run) -> dict[str, Picture]:
         return {}
     shape = Shape(run, typical_step(run))
     charged = bool(under_voltage(run.history)[run.history["step"] == shape.step].all())
-    found = {
-        name: both(partial(contours, shape, quantity(name)), "png")
-        for name in ("E", "S_RR", "S_ZZ")[not charged :]
-    }
-    lines = [SURFACE_CHARGE, quantity("S_RR")][not charged :]
+    whats = shown(run)[not charged :]
+    found = {what.name: both(partial(draw_field, shape, what), "png") for what in whats}
+    if shape.core is None:
+        return found
+    lines = [SURFACE_CHARGE, whats[charged]][not charged :]
     return found | {"profiles": both(lambda look: draw_profiles(shape, lines), "svg")}
 
 
 def _mesh(run: Run) -> dict[str, Picture]:
     path = run.directory / "mesh.msh"
-    return {"mesh": both(lambda look: draw_mesh(path), "png")} if path.is_file() else {}
+    if not path.is_file():
+        return {}
+    return {"mesh": both(lambda look: draw_mesh(path, run.config), "png")}
 
 
 def _iterations(run: Run) -> Any:

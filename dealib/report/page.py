@@ -12,11 +12,14 @@ from dealib.report import css, facts, figures
 from dealib.results.reader import Run
 from dealib.results.summary import margins
 
-_CAPTIONS = {
-    "E": "Electric field at the largest voltage of a stored state.",
-    "S_RR": "Second Piola-Kirchhoff stress, radial.",
-    "S_ZZ": "Second Piola-Kirchhoff stress, through the thickness.",
-}
+
+def _captions(run: Run) -> dict[str, str]:
+    """What the pictures of fields show, by name."""
+    found = {
+        q.name: f"{q.label.partition(' ' + q.name[0] + '$')[0]} {q.name}."
+        for q in figures.shown(run)
+    }
+    return found | {"E": "Electric field at the largest voltage of a stored state."}
 
 
 def render(run: Run) -> str:
@@ -50,7 +53,7 @@ def render(run: Run) -> str:
         "solution": facts.solution(run),
         "warnings": [*facts.warnings(run), *lost],
         "pictures": pictures,
-        "captions": _CAPTIONS,
+        "captions": _captions(run),
         "text": facts.text,
         "given": run.text("config.yaml"),
         "resolved": run.text("config.resolved.yaml"),

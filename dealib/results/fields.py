@@ -31,6 +31,7 @@ class Fields:
     def __init__(self, config: Config, mesh: ResultMesh) -> None:
         viscous, kinematics = local.branch_cells(config, mesh), config.device.kinematics
         self._mesh, self._axes = mesh, kinematics.dim
+        self._wrinkles = config.physics.wrinkling == "tension_field"
         self._parts = [
             _Part(
                 material,
@@ -56,7 +57,9 @@ class Fields:
             u (mm) and phi (kV); E (kV/mm) and D (uC/mm^2) in the deformed body; cauchy_stress and
             second_pk_stress (of the solid, per mesh area for the latter) and maxwell_stress, MPa:
             all that the field adds, electrostriction included where the permittivity depends on
-            stretch; J = det F; in the mixed form p (MPa, positive in tension). Vectors and tensors
+            stretch; J = det F; in the mixed form p (MPa, positive in tension); in tension fields
+            wrinkling, the share by which the film is longer than the surface, and crest, that times
+            the direction of the crests. Vectors and tensors
             have the components of the kinematics.
         """
         n, axes = len(self._mesh.points), self._axes
@@ -70,7 +73,9 @@ class Fields:
             "maxwell_stress": np.zeros((n, 3, 3)),
             "J": np.ones(n),
         }
-        if state.shape[1] > axes + 1:
+        if self._wrinkles:
+            out |= {"wrinkling": np.zeros(n), "crest": np.zeros((n, 3))}
+        elif state.shape[1] > axes + 1:
             out["p"] = state[:, axes + 1].copy()
         for part in self._parts:
             part.average.into(out, self._of(part, state[part.cells], internal))
@@ -82,6 +87,8 @@ class Fields:
         mine = internal[part.viscous] if internal is not None and material.branches else None
         k = part.points.deformation(nodal, mine)
         found = {"J": self._at_nodes(k.J)}
+        if self._wrinkles and (crests := part.points.crests(nodal)):
+            found |= dict(zip(("wrinkling", "crest"), map(self._at_nodes, crests), strict=True))
         if material.permittivity:
             eps = self._at_nodes(np.broadcast_to(material.permittivity_at(k), k.J.shape))
             e = self._at_nodes(k.e)

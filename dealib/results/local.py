@@ -15,6 +15,7 @@ from dealib.device.kinematics import Kinematics, SheetKinematics
 from dealib.materials import Invariants, Law, thickness_stretch
 from dealib.materials.branches import Branch
 from dealib.materials.evolution import inverted, unpack
+from dealib.materials.wrinkling import crests, extended
 from dealib.results.elements import Array, Cell, determinant, gradients, inverse
 from dealib.results.mesh import ResultMesh
 from dealib.units import EPSILON_0
@@ -278,13 +279,16 @@ class Points:
         """Deformation and field from nodal values (cells, nodes, columns).
 
         Args:
-            nodal: Displacements by axis and potential; of sheets the voltage across the layer.
+            nodal: Displacements by axis and potential; of sheets the voltage across the layer, and
+                the excess metric of a tension field.
             internal: C_i of Maxwell branches of a sheet, (cells, points, branches, 4).
         """
         k, n = self.kinematics, self.kinematics.dim
         u = nodal[..., :n]
         if isinstance(k, SheetKinematics):
             F = k.sheet_deformation(u, self.N, self.dN, self.position)
+            if (excess := self._excess(nodal)) is not None:
+                F = extended(F, excess, self.material.plane)
             E = np.zeros(F.shape[:-1])
             E[..., k.normal] = nodal[..., :1, n] / self.material.thickness
             F[..., k.normal] *= thickness_stretches(self.material, F, E, internal)[..., None]
@@ -294,9 +298,26 @@ class Points:
         inner = inverse(F)
         return Deformation(F, determinant(F), inner, np.einsum("...ji,...j", inner, E))
 
+    def _excess(self, nodal: Array) -> Array | None:
+        first = self.kinematics.dim + 1
+        if not self.kinematics.sheet or nodal.shape[-1] == first:
+            return None
+        return np.asarray(np.einsum("pn,cnk->cpk", self.N, nodal[..., first:]))
+
+    def crests(self, nodal: Array) -> tuple[Array, Array] | None:
+        """Wrinkles of a tension field at the points (see `wrinkling.crests`)."""
+        k, excess = self.kinematics, self._excess(nodal)
+        if not isinstance(k, SheetKinematics) or excess is None:
+            return None
+        u = nodal[..., : k.dim]
+        F = k.sheet_deformation(u, self.N, self.dN, self.position)
+        return crests(F, excess, self.material.plane)
+
     def pressure(self, nodal: Array) -> Array | None:
         """The mixed form's p at the points, if there is one."""
         last = self.kinematics.dim + 1
+        if self.kinematics.sheet:
+            return None
         return nodal[..., last] @ self.N.T if nodal.shape[-1] > last else None
 
 

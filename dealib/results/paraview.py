@@ -37,7 +37,13 @@ here = os.path.dirname(os.path.abspath(globals().get("__file__", {path!r})))
 fields = XDMFReader(registrationName="run", FileNames=[os.path.join(here, {fields!r})])
 fields.UpdatePipelineInformation()
 with open(os.path.join(here, {history!r})) as file:
-    volts = {{float(row["time_s"]): abs(float(row["voltage_kV"])) for row in csv.DictReader(file)}}
+    rows = list(csv.DictReader(file))
+volts = {{
+    float(row["time_s"]): max(
+        (abs(float(v)) for k, v in row.items() if k.partition(".")[0] == "voltage_kV"), default=0.0
+    )
+    for row in rows
+}}
 times = fields.TimestepValues
 now = TIME if TIME is not None else max(times, key=lambda t: volts.get(t, 0.0))
 

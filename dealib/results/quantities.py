@@ -1,19 +1,22 @@
-"""Names of the fields that can be drawn: 'S_RR', 'E', 'phi', ..., with labels and units."""
+"""Names of the fields that can be drawn, such as 'S_RR', 'E' or 'phi', with labels and units."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 
+from dealib.device.device import Device
+from dealib.device.kinematics import Kinematics
 from dealib.errors import ConfigError, did_you_mean
 from dealib.results.elements import Array
 from dealib.results.summary import MARGINS
 
 NOISE = 1e-14  # rounding, in internal units: at 0 V the field is 1e-19 MV/m
-_INDEX = {"R": 0, "Z": 1, "T": 2}
 
 
 @dataclass(frozen=True)
@@ -78,10 +81,13 @@ class Quantity:
         return self.factor * np.where(np.abs(values) < NOISE, 0.0, values)
 
 
-def _all() -> dict[str, Quantity]:
+@cache
+def quantities(kinematics: Kinematics) -> dict[str, Quantity]:
+    """All fields of a space by name; its components are those of the names, theta's is T."""
     found = [
         Quantity("phi", "Electric potential φ", "kV", "phi"),
         Quantity("J", "Volume ratio J", "", "J"),
+        Quantity("wrinkling", "Wrinkling: excess length", "", "wrinkling"),
         Quantity("tension", "Smallest in-plane stress", "MPa", "tension"),
     ]
     for key, (name, *_) in MARGINS.items():
@@ -93,41 +99,49 @@ def _all() -> dict[str, Quantity]:
     ):
         found.append(Quantity(key, f"{label} |{key}|", unit, field, None, factor))
         found += [
-            Quantity(f"{key}_{c}", f"{label} {key}$_{c}$", unit, field, (_INDEX[c],), factor)
-            for c in "RZ"
+            Quantity(f"{key}_{c}", f"{label} {key}$_{c}$", unit, field, (k,), factor)
+            for k, c in enumerate(kinematics.axes)
         ]
+    letters = [c[0].upper() for c in kinematics.components]
+    pairs = [(k, k) for k in range(3)] + list(combinations(range(kinematics.dim), 2))
     for key, symbol, label, field in (
         ("S", "S", "Second Piola-Kirchhoff stress", "second_pk_stress"),
         ("sigma", "σ", "Cauchy stress", "cauchy_stress"),
         ("maxwell", "T", "Maxwell stress", "maxwell_stress"),
     ):
-        for a, b in ("RR", "ZZ", "TT", "RZ"):
-            sub = (a + b).replace("T", r"\theta ")
-            name = f"{key}_{a}{b}"
-            found.append(
-                Quantity(
-                    name, f"{label} {symbol}$_{{{sub}}}$", "MPa", field, (_INDEX[a], _INDEX[b])
-                )
-            )
+        for pair in pairs:
+            sub = "".join(letters[k] for k in pair)
+            index = sub.replace("T", r"\theta ")
+            shown = f"{label} {symbol}$_{{{index}}}$"
+            found.append(Quantity(f"{key}_{sub}", shown, "MPa", field, pair))
     return {q.name: q for q in found}
 
 
-QUANTITIES = _all()
 SURFACE_CHARGE = Quantity("D_n", "Surface charge density D·n", "mC/m²", "D", factor=1e3)
 
 
-def quantity(name: str, kind: str = "field", also: tuple[Quantity, ...] = ()) -> Quantity:
+def quantity(
+    name: str, kinematics: Kinematics, kind: str = "field", also: tuple[Quantity, ...] = ()
+) -> Quantity:
     """The quantity of a name.
 
     Args:
         name: What the user wrote.
+        kinematics: The space of the run.
         kind: What it is to the user.
         also: Others that will do, such as `SURFACE_CHARGE`, which lives on faces only.
 
     Raises:
         ConfigError: If there is none.
     """
-    known = {q.name: q for q in also} | QUANTITIES
+    known = {q.name: q for q in also} | quantities(kinematics)
     if name not in known:
         raise ConfigError(f"there is no {kind} {name!r} to draw{did_you_mean(name, known)}")
     return known[name]
+
+
+def main_stress(device: Device) -> str:
+    """Name of the stress along the layers, or along the first axis."""
+    axes = device.kinematics.axes
+    along = axes[0] if device.laminate is None else device.laminate.base.along
+    return f"S_{2 * (along if along in axes else axes[0])}"

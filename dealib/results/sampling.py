@@ -54,7 +54,7 @@ def _locate(mesh: ResultMesh, cells: Ints, points: Array) -> tuple[Ints, Array]:
         reached = np.einsum("pn,pni->pi", N, corners[cell])
         slope = np.einsum("pnj,pni->pij", dN, corners[cell])
         at = at + np.linalg.solve(slope, (points[point] - reached)[..., None])[..., 0]
-    outside = np.maximum(-at.min(axis=1), at.max(axis=1) - 1)
+    outside = np.maximum(-at, at - 1).clip(min=0).sum(axis=1)
     if mesh.cell.corners == 3:
         outside = np.maximum(outside, at.sum(axis=1) - 1)
     order = np.lexsort((outside, point))
@@ -117,7 +117,7 @@ class Sampler:
 
     @cached_property
     def points(self) -> Array:
-        """Sampled points in the mesh configuration, (R, Z) in mm."""
+        """Sampled points of the mesh, (points, axes), mm."""
         return self(self.mesh.points)
 
 
@@ -127,33 +127,35 @@ class Strip:
     Args:
         mesh: The mesh.
         region: Name of the region.
+        across: Number of the axis across it.
 
     Raises:
         ValueError: If there is no such region.
     """
 
-    def __init__(self, mesh: ResultMesh, region: str) -> None:
+    def __init__(self, mesh: ResultMesh, region: str, across: int = 1) -> None:
         known = [name for i, name in enumerate(mesh.names) if (mesh.region == i).any()]
         if region not in known:
             raise ValueError(f"there is no region {region!r} here{did_you_mean(region, known)}")
-        self.mesh = mesh
+        self.mesh, self._across = mesh, across
+        self._axes = [1 - across, across]
         self.cells: Ints = mesh.in_region(region)
-        self.top = mesh.points[self.face(1)]
-        self.bottom = mesh.points[self.face(-1)]
+        self.top = mesh.points[self.face(1)][:, self._axes]
+        self.bottom = mesh.points[self.face(-1)][:, self._axes]
         self.start, self.length = float(self.top[0, 0]), float(np.ptp(self.top[:, 0]))
 
     def face(self, side: int) -> Ints:
-        """The region's own nodes on its upper (1) or lower (-1) face, from the inner end."""
+        """The region's own nodes on its upper (1) or lower (-1) face, from where it begins."""
         cell, own = self.mesh.cell, self.mesh.cells[self.cells]
-        on, n = face(self.mesh.corners[self.cells], side), cell.corners
+        on, n = face(self.mesh.corners[self.cells], cell.corners, side, self._across), cell.corners
         found = [own[:, :n], np.roll(own[:, :n], -1, axis=1)]
         found += [own[:, n : 2 * n]] if cell.order == 2 else []
         nodes = np.unique(np.concatenate([part[on] for part in found]))
-        return np.asarray(nodes[np.argsort(self.mesh.points[nodes, 0])])
+        return np.asarray(nodes[np.argsort(self.mesh.points[nodes, 1 - self._across])])
 
     @property
     def positions(self) -> Array:
-        """Fractions of the length at which the upper face has nodes, from the inner end."""
+        """Fractions of the length at which the upper face has nodes, from where it begins."""
         return np.asarray((self.top[:, 0] - self.start) / self.length)
 
     def at(self, values: Array, along: Array, across: Array | float) -> Array:
@@ -167,9 +169,9 @@ class Strip:
         Returns:
             Shape (points, ...).
         """
-        R = self.start + self.length * np.asarray(along, float)
-        high, low = (np.interp(R, x[:, 0], x[:, 1]) for x in (self.top, self.bottom))
-        points = np.column_stack([R, low + across * (high - low)])
+        x = self.start + self.length * np.asarray(along, float)
+        high, low = (np.interp(x, end[:, 0], end[:, 1]) for end in (self.top, self.bottom))
+        points = np.column_stack([x, low + across * (high - low)])[:, self._axes]
         cells, reference = locate(self.mesh, self.cells, points)
         N, _ = self.mesh.cell.shape(reference)
         return np.asarray(np.einsum("pn,pn...->p...", N, values[self.mesh.cells[cells]]))
@@ -182,15 +184,12 @@ class Strip:
             side: 1 for the upper face, -1 for the lower one.
 
         Returns:
-            Radii of the face's nodes on the mesh, mm, and D.n there, uC/mm^2 = C/m^2 of deformed
-            area, n pointing out of the conductor into the strip.
+            Positions of the face's nodes along the mesh, mm, and D.n there, uC/mm^2 = C/m^2 of
+            deformed area, n pointing out of the conductor into the strip.
         """
         nodes = self.face(side)
-        R = self.mesh.points[nodes, 0]
-        along = np.gradient(
-            self.mesh.points[nodes] + arrays["u"][nodes, :2], R, axis=0, edge_order=2
-        )
+        X, u, D = (v[nodes][:, self._axes] for v in (self.mesh.points, arrays["u"], arrays["D"]))
+        along = np.gradient(X + u, X[:, 0], axis=0, edge_order=2)
         up = np.stack([-along[:, 1], along[:, 0]], axis=1)
-        D = arrays["D"][nodes, :2]
         D = np.where(np.abs(D) < NOISE, 0.0, D)
-        return R, -side * np.einsum("ni,ni->n", D, up) / np.linalg.norm(up, axis=1)
+        return X[:, 0], -side * np.einsum("ni,ni->n", D, up) / np.linalg.norm(up, axis=1)

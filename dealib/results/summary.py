@@ -51,6 +51,41 @@ def moment(run: Run, row: Mapping[str, Any] | pandas.Series[Any]) -> str:
     return f"step {row['step']}{time}, {row['stage']}"
 
 
+SYMBOLS = {
+    "displacement_mm": "u",
+    "force_N": "F",
+    "voltage_kV": "V",
+    "charge_uC": "Q",
+    "pressure_kPa": "p",
+    "volume_mm3": "vol",
+}
+
+
+def motion(run: Run) -> list[str]:
+    """Up to two columns of what a device does: of its first mount, chamber, or of two probes."""
+    for port in (p for kind in (MOUNT, CHAMBER) for p in run.config.device.of(kind)):
+        return [port.column(variable) for variable in port.kind.variables]
+    return [c.name for c in columns(run.config).values() if c.probe and c.name in run.history][:2]
+
+
+def drive(run: Run) -> str:
+    """Column of the first terminal's voltage; without terminals that of the elastic energy."""
+    terminals = run.config.device.of(TERMINAL)
+    return terminals[0].column(TERMINAL.primal) if terminals else "elastic_energy_mJ"
+
+
+def values_told(run: Run, row: Any, digits: int = 4) -> str:
+    """Motion and drive of a state: 'u = -3 mm, F = -0.8133 N, V = 2.5 kV'."""
+    known, found = columns(run.config), []
+    for name in dict.fromkeys([*motion(run), drive(run)]):
+        column = known[name]
+        symbol = SYMBOLS.get(name.partition(".")[0])
+        of = "".join(f" of {port.name}" for port in column.ports if port.suffix)
+        value = f"{neat(row[name], digits)} {column.unit.replace('mm3', 'mm³')}".rstrip()
+        found.append(f"{symbol + of if symbol else column.label} = {value}")
+    return ", ".join(found).replace("-", "−")
+
+
 @dataclass(frozen=True)
 class Actuation:
     """What the voltage did to one quantity in one stage, against the state just before it.

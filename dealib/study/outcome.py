@@ -15,6 +15,7 @@ from dealib.results.elements import Array
 from dealib.results.mesh import Ints
 from dealib.results.reader import Run
 from dealib.results.sampling import Strip
+from dealib.results.section import Section
 from dealib.study import sample
 from dealib.study.expressions import Expression, Function
 from dealib.study.plan import Planned
@@ -130,7 +131,7 @@ class Outcome:
         if stage not in self._arrays:
             step = self.step(stage)
             assert self.run is not None
-            self._arrays[stage] = self.run.arrays(self.run.stored_steps.index(step))
+            self._arrays[stage] = self._section.arrays(self.run.stored_steps.index(step))
         return self._arrays[stage]
 
     def nearest(self, time: float) -> int:
@@ -150,8 +151,13 @@ class Outcome:
         if self.run is None:
             raise ValueError("a test of a material has no regions")
         if region not in self._strips:
-            self._strips[region] = Strip(self.run.mesh, region)
+            self._strips[region] = self._section.layer(region)
         return self._strips[region]
+
+    @cached_property
+    def _section(self) -> Section:
+        assert self.run is not None
+        return Section(self.run)
 
     @property
     def config(self) -> Config:

@@ -4,26 +4,45 @@ from __future__ import annotations
 
 import numpy as np
 
+from dealib.config.schema import Config
+from dealib.device.kinematics import SPACES, Kinematics
 from dealib.errors import did_you_mean
 from dealib.results.elements import Array
-from dealib.results.quantities import QUANTITIES, SURFACE_CHARGE, quantity
+from dealib.results.local import region_materials
+from dealib.results.quantities import SURFACE_CHARGE, quantities
 from dealib.results.sampling import Strip
 
 CHARGE, LENGTH = SURFACE_CHARGE.name, "length"
-FIELDS = (*QUANTITIES, CHARGE, LENGTH)
 
 
-def check(name: str, region: str) -> None:
-    """Raise if a region does not carry a field.
+def fields(kinematics: Kinematics) -> list[str]:
+    """Names of fields along a region."""
+    return [*quantities(kinematics), CHARGE, LENGTH]
+
+
+def check(config: Config, name: str, region: str) -> None:
+    """Raise if a region does not carry a field, or is no layer that fields can run along.
 
     Raises:
         ValueError: If so, or if there is no such field.
     """
-    if name not in FIELDS:
-        raise ValueError(f"unknown field {name!r}{did_you_mean(name, FIELDS)}")
-    what = SURFACE_CHARGE if name == CHARGE else QUANTITIES.get(name)
-    if what is not None and what.carriers and region not in what.carriers:
-        raise ValueError(f"{name} is a field of {', '.join(what.carriers)}, not of {region}")
+    device = config.device
+    if device.laminate is None or device.kinematics.dim == 3:
+        raise ValueError(
+            f"{name} along {region}: fields run along the layers of a laminate in a plane, which "
+            "this device is not; probes measure at any place"
+        )
+    known = fields(device.kinematics)
+    if name not in known:
+        raise ValueError(f"unknown field {name!r}{did_you_mean(name, known)}")
+    what = quantities(device.kinematics).get(name, SURFACE_CHARGE)
+    carriers = [
+        region
+        for region, material in region_materials(config).items()
+        if material.law is not None and not (what.of_films and material.permittivity == 0)
+    ]
+    if name != LENGTH and (what.of_solids or what.of_films) and region not in carriers:
+        raise ValueError(f"{name} is a field of {', '.join(carriers)}, not of {region}")
 
 
 def fraction(name: str, value: float) -> float:
@@ -38,9 +57,12 @@ def fraction(name: str, value: float) -> float:
     return float(value)
 
 
+_EVERY = {name: q for k in SPACES.values() for name, q in quantities(k).items() if k.dim == 2}
+
+
 def _nodal(arrays: dict[str, Array], name: str) -> Array:
     """A scalar nodal field by its short name, such as S_RR or E (length); mm, kV, MPa."""
-    what = quantity(name)
+    what = _EVERY[name]
     return what.of(arrays) / what.factor
 
 

@@ -6,9 +6,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from dealib.config.schema import Config
+from dealib.device.kinematics import AXISYMMETRIC
 from dealib.errors import did_you_mean
 from dealib.observe import quantities
-from dealib.results.quantities import QUANTITIES
+from dealib.results.quantities import quantities as local_fields
 from dealib.study import sample
 from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression, Signature
 from dealib.study.schema import Contour, Curves, MaterialTest, Points, Shapes, Where
@@ -103,8 +104,9 @@ def _check(
             for kind, value in zip(functions[function].arguments, arguments, strict=True):
                 if value is not None:
                     _argument(kind, value, case.work, labels)
-            if "region" in functions[function].arguments:
-                sample.check(*map(str, arguments[:2]))
+            here = "region" in functions[function].arguments
+            if here and isinstance(case.work, Config):
+                sample.check(case.work, *map(str, arguments[:2]))
 
 
 def _argument(kind: str, value: Any, work: Work, labels: Sequence[str]) -> None:
@@ -113,9 +115,10 @@ def _argument(kind: str, value: Any, work: Work, labels: Sequence[str]) -> None:
         sample.fraction(kind, value)
     elif kind == "key":
         setting(work, str(value))
+    space = work.device.kinematics if isinstance(work, Config) else AXISYMMETRIC
     known = {
-        "field": list(QUANTITIES),
-        "profile": list(sample.FIELDS),
+        "field": list(local_fields(space)),
+        "profile": sample.fields(space),
         "region": regions(work),
         "stage": stages(work),
         "case": labels,

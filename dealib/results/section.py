@@ -1,0 +1,92 @@
+"""Stored states of a run in a plane; a sheet on a line is given the thickness of its layers."""
+
+from __future__ import annotations
+
+from itertools import accumulate
+
+import numpy as np
+
+from dealib.device.kinematics import SheetKinematics
+from dealib.results.elements import Array, Cell, determinant, gradients
+from dealib.results.mesh import Ints, ResultMesh
+from dealib.results.reader import Run
+from dealib.results.sampling import Strip
+
+
+class Section:
+    """The mesh and the fields of a run, to be sampled and drawn.
+
+    In three dimensions both are those of the run.
+
+    Args:
+        run: The run.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self.run, self.device = run, run.config.device
+        self.mesh, self._sheet = run.mesh, run.mesh.cell.dim == 1
+        if self._sheet:
+            self.mesh, self._source, self._height = self._thick()
+        plane = self.device.kinematics.dim == 2
+        self.laminate = self.device.laminate if plane else None
+        axes = self.device.kinematics.axes
+        self.across = axes.index("Z" if self.laminate is None else self.laminate.base.across)
+
+    def arrays(self, index: int) -> dict[str, Array]:
+        """All nodal fields of the index-th stored step."""
+        found = self.run.arrays(index)
+        if not self._sheet:
+            return found
+        moved = self._lifted(found)
+        found = {name: values[self._source] for name, values in found.items()}
+        found["u"] = found["u"] + self._height[:, None] * moved[self._source]
+        return found
+
+    def layer(self, region: str) -> Strip:
+        """A region as a strip.
+
+        Raises:
+            ValueError: If there is none, or it is no layer in a plane.
+        """
+        if self.laminate is None:
+            raise ValueError(
+                f"fields along {region!r} are known of layers in a plane; this device "
+                + ("is a mesh of its own" if self.device.laminate is None else "is in space")
+            )
+        return Strip(self.mesh, region, self.across)
+
+    def _thick(self) -> tuple[ResultMesh, Ints, Array]:
+        """Quadrilaterals on the cells of a line; each node's own node, and its height, mm."""
+        laminate, mesh, k = self.device.laminate, self.run.mesh, self.device.kinematics
+        assert laminate is not None
+        assert isinstance(k, SheetKinematics)
+        bottoms = accumulate(
+            (x.thickness for x in laminate.layers), initial=-laminate.thickness / 2
+        )
+        height = np.zeros((len(mesh.points), 3))
+        for layer, bottom in zip(laminate.layers, bottoms, strict=False):
+            nodes = np.unique(mesh.cells[mesh.in_region(layer.name)])
+            height[nodes] = bottom + layer.thickness * np.array([0, 0.5, 1])
+        source = np.repeat(np.arange(len(mesh.points)), 3)
+        points = mesh.points[source]
+        points[:, k.normal] += height.ravel()
+        a, b, *middle = 3 * mesh.cells.T
+        cells = [a, b, b + 2, a + 2]
+        for m in middle:
+            cells += [m, b + 1, m + 2, a + 1, m + 1]
+        cell = Cell("quadrilateral", mesh.cell.order)
+        thick = ResultMesh(cell, points, np.stack(cells, axis=1), mesh.region, mesh.names)
+        return thick, source, height.ravel()
+
+    def _lifted(self, arrays: dict[str, Array]) -> Array:
+        """How a point of unit height above each node of a line moves against it, (nodes, 3)."""
+        mesh, k = self.run.mesh, self.device.kinematics
+        assert isinstance(k, SheetKinematics)
+        at, lies = mesh.cell.nodes, list(k.lies)
+        N, dN = mesh.cell.shape(at)[0], gradients(mesh.cell, mesh.nodes[..., lies], at)[1]
+        u = arrays["u"][mesh.cells][..., : k.dim]
+        F = k.sheet_deformation(u, N, dN, mesh.nodes)
+        lifted = F[..., k.normal] * (arrays["J"][mesh.cells] / determinant(F))[..., None]
+        out = {"lifted": np.zeros((len(mesh.points), 3))}
+        mesh.average({"lifted": lifted}, np.arange(len(mesh.cells)), out)
+        return np.asarray(out["lifted"] - np.eye(3)[k.normal])

@@ -1,0 +1,162 @@
+"""Membranes: against a meridian's ordinary differential equations, each other and closed forms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from laminates import config, layer, rows
+from verification.references.annulus import Annulus, push
+from verification.references.laws import Film, neo_hooke, slope
+from verification.references.wrinkling import natural_width, onset
+
+from dealib.units import EPSILON_0
+
+G, EPS = 0.334, 3.0
+RUBBER = {  # as good as incompressible: without a pressure of its own a membrane does not lock
+    "law": "neo_hookean",
+    "shear_modulus": f"{G} MPa",
+    "bulk_modulus": f"{1e4 * G} MPa",
+    "relative_permittivity": EPS,
+}
+MEMBRANE = {"model": "membrane"}
+SQUARE = {"kind": "rectangle", "length": "10 mm", "width": "8 mm"}
+
+
+def ring(**sections):
+    """An annulus of 30 um, pre-stretched by 1.15, pushed by 2 mm and driven by 1.5 kV."""
+    base = {"kind": "annulus", "inner_radius": "8.35 mm", "outer_radius": "12.35 mm"}
+    given = {
+        "geometry": {"base": base, **sections.pop("geometry", {})},
+        "mesh": {"columns": 16, **sections.pop("mesh", {})},
+        "materials": {"film": RUBBER | {"prestretch": 1.15}},
+        "physics": MEMBRANE,
+        "program": [
+            {"stage": "prestrain"},
+            {"stage": "push", "mount": {"displacement": "2 mm"}, "steps": 3},
+            {"stage": "actuate", "terminal": {"voltage": "1.5 kV"}},
+        ],
+    }
+    return rows(config("annulus", layer(thickness="30 um"), **given | sections))
+
+
+def test_an_annulus_is_that_of_the_meridian_s_equations():
+    film = Film(neo_hooke(G), 0.030, 1.15, EPSILON_0 * EPS)
+    for row, voltage in ((-2, 0.0), (-1, 1.5)):
+        found = ring()[row]
+        wanted = push(Annulus(film, 8.35, 12.35), 2.0, voltage)
+        assert found["force_N"] == pytest.approx(wanted.force, rel=5e-4)
+        assert found["capacitance_pF"] == pytest.approx(1e3 * wanted.capacitance, rel=2e-4)
+
+
+def test_two_and_three_dimensions_agree():
+    flat = ring()[-1]
+    solid = {"geometry": {"space": "3d", "symmetry": ["X", "Y"]}, "mesh": {"sectors": 4}}
+    base = {"kind": "annulus", "inner_radius": "8.35 mm", "outer_radius": "12.35 mm"}
+    turned = ring(geometry={"base": base, **solid["geometry"]}, mesh=solid["mesh"])[-1]
+    for name in ("force_N", "capacitance_pF", "elastic_energy_mJ", "charge_uC"):
+        assert turned[name] == pytest.approx(flat[name], rel=2e-4), name
+
+
+def square(program, law=RUBBER, **physics):
+    """A square film whose edges move parallel to themselves: `plate` along X, `side` along Y."""
+    given = {
+        "geometry": {"base": SQUARE},
+        "mesh": {"columns": 4, "sectors": 2, "grading": "uniform"},
+        "materials": {"film": law},
+        "physics": MEMBRANE | physics,
+        "mounts": {
+            "plate": {"on": "right", "along": "X", "free": ["Y"]},
+            "side": {"on": "back", "along": "Y", "free": ["X"]},
+        },
+        "holds": [
+            {"on": "left", "fix": "X"},
+            {"on": "front", "fix": "Y"},
+            {"on": "film", "fix": "Z"},
+        ],
+        "terminals": {"top": {"on": "film.top"}, "ground": {"on": "film.bottom", "ground": True}},
+        "program": program,
+    }
+    return rows(config("annulus", layer(thickness="50 um"), **given))
+
+
+def pulled(voltage="0 kV", narrower="-1 mm"):
+    """Pulled to 1.5 times its length, and made narrower than it would like to be."""
+    return [
+        {"stage": "pull", "mounts": {"plate": {"displacement": "5 mm"}}, "steps": 2},
+        {"stage": "drive", "terminal": {"voltage": voltage}, "steps": 2},
+        {"stage": "push", "mounts": {"side": {"displacement": narrower}}, "steps": 2},
+    ]
+
+
+@pytest.mark.parametrize("volts", [0.0, 2.0])
+def test_a_tension_field_has_the_natural_width(volts):
+    """Pushed further it only wrinkles: no force across, along that of the natural width."""
+    slack = 1e-5
+    program = pulled(f"{volts} kV", "-2 mm")
+    end = square(program, wrinkling="tension_field", slack_stiffness=slack)[-1]
+    pull = EPSILON_0 * EPS * (volts / 0.050) ** 2
+    law = neo_hooke(G)
+    width = natural_width(law, 1.5, pull)
+    assert width > 0.75 + 0.01
+    along = (slope(law, 1.5, width) - pull * 1.5 * width**2) * 0.050 * 8
+    assert end["force_N.plate"] == pytest.approx(along, rel=3e-4)
+    assert abs(end["force_N.side"]) < 5 * slack * along
+    assert end["wrinkled_area_mm2"] == pytest.approx(80, rel=1e-9)
+    # the field is that of the film, which is wider than the surface
+    plates = EPSILON_0 * EPS * 80 / 0.050 * (1.5 * width) ** 2
+    assert end["capacitance_pF"] == pytest.approx(1e3 * plates, rel=3e-4)
+
+
+def test_a_taut_film_bears_what_a_tension_field_does_not():
+    start, *_, taut = square(pulled(narrower="-2 mm"))
+    assert start["capacitance_pF"] == pytest.approx(1e3 * EPSILON_0 * EPS * 80 / 0.050, rel=1e-9)
+    assert taut["force_N.side"] < -0.01
+    assert taut["wrinkling_use"] > 1
+    assert "wrinkled_area_mm2" not in taut
+
+
+def test_a_film_begins_to_wrinkle_at_its_voltage():
+    """Held at 1.2 x 1.2 it is taut just below the voltage of the reference, wrinkled above."""
+    begins = onset(neo_hooke(G), 1.2, 1.2, EPSILON_0 * EPS) * 0.050
+    pull = {"plate": {"displacement": "2 mm"}, "side": {"displacement": "1.6 mm"}}
+    program = [
+        {"stage": "pull", "mounts": pull, "steps": 2},
+        {"stage": "below", "terminal": {"voltage": f"{0.998 * begins} kV"}, "steps": 3},
+        {"stage": "above", "terminal": {"voltage": f"{1.002 * begins} kV"}},
+    ]
+    found = square(program, wrinkling="tension_field")
+    areas = {row["stage"]: row["wrinkled_area_mm2"] for row in found}
+    assert areas["below"] == 0
+    assert areas["above"] == pytest.approx(80)
+
+
+def test_slack_everywhere_it_has_the_stiffness_that_is_left():
+    """Pressed both ways; neo-Hooke of the share that is left bears it."""
+    slack = 0.01
+    program = [
+        {
+            "stage": "press",
+            "mounts": {"plate": {"displacement": "-1 mm"}, "side": {"displacement": "-0.8 mm"}},
+            "steps": 2,
+        }
+    ]
+    end = square(program, wrinkling="tension_field", slack_stiffness=slack)[-1]
+    left = slope(neo_hooke(slack * G), 0.9, 0.9) * 0.050 * 8
+    assert end["force_N.plate"] == pytest.approx(left, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        {"law": "yeoh", "c10": "0.15 MPa", "c20": "0.01 MPa", "c30": "0 MPa"},
+        {"law": "gent", "shear_modulus": "0.3 MPa", "j_lim": 60},
+    ],
+    ids=lambda law: law["law"],
+)
+def test_other_laws_wrinkle_without_force_across(law):
+    more = {"bulk_modulus": "3000 MPa", "relative_permittivity": EPS}
+    program = pulled("1 kV", "-2 mm")
+    end = square(program, law | more, wrinkling="tension_field", slack_stiffness=1e-5)[-1]
+    assert abs(end["force_N.side"]) < 1e-4 * end["force_N.plate"]
+    assert end["force_N.plate"] > 0.05
+    assert np.isclose(end["wrinkled_area_mm2"], 80)
