@@ -382,6 +382,18 @@ EDITS: list[tuple[str, str, str, str | list[str], str]] = [
      "15:14: holds.0.on: the device has no 'lft'; did you mean 'left'?", "lft"),
     ("hold along no axis", "program:", "holds: [{on: left, fix: [X, R]}]\nprogram:",
      "15:25: holds.0.fix: there is no axis 'R' here; known: X, Z", "[X"),
+    ("part of two mounts", "program:",
+     "mounts: {bar: {on: right, along: X}, rod: {on: right, along: Z}}\nprogram:",
+     "15:48: mounts.rod.on: 'right' is a part of mount 'bar' already", "right"),
+    ("mount that is held", "program:",
+     "mounts: {bar: {on: right, along: X}}\nholds: [{on: right, fix: [X, Z]}]\nprogram:",
+     "16:26: holds.0.fix: the mount 'bar' moves 'right' along X; drop one of both", "[X"),
+    ("mount that the base holds", "program:", "mounts: {bar: {on: left, along: X}}\nprogram:",
+     "15:20: mounts.bar.on: the base holds 'left' by itself; say under `holds` what is held "
+     "instead", "left"),
+    ("face of two chambers", "program:",
+     "chambers: {one: {on: film.bottom}, two: {on: film.bottom}}\nprogram:",
+     "15:46: chambers.two.on: 'film.bottom' is a face of chamber 'one' already", "film.bottom"),
     ("two ports of one name", "program:", "mounts: {hot: {on: right, along: X}}\nprogram:",
      "13:8: terminals.hot: there is a mount 'hot' too; give them different names", "{on"),
     ("chamber on a region", "program:", "chambers: {pump: {on: film}}\nprogram:",
@@ -403,8 +415,13 @@ EDITS: list[tuple[str, str, str, str | list[str], str]] = [
     ("which of several", "  hot: {on: upper}",
      "  hot: {on: upper, within: [0 mm, 4 mm]}\n  hut: {on: film.top}".replace(
          "upper, within", "upper.top, within"),
-     "17:27: program.0.terminal: there are several: hot, hut, upper; name them under `terminals`",
+     "17:27: program.0.terminal: there are several: hot, hut; name them under `terminals`",
      "{volt"),
+    ("stage of a floating layer", TERMINALS + "program:\n  - {stage: on, " + STAGE + "}",
+     "  hot: {on: film.top, within: [0 mm, 4 mm]}\n  ground: {on: film.bottom, ground: true}\n"
+     "program:\n  - {stage: on, terminals: {upper: {voltage: 1 kV}}}",
+     "16:36: program.0.terminals.upper: 'upper' floats: nothing is connected to it; add it to "
+     "`terminals` to drive it", "{volt"),
     # what has no meaning here
     ("a contact that is no end", "program:",
      "sensing: {contact: outer, sheet_resistance: 1 kohm}\nprogram:",

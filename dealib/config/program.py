@@ -143,7 +143,7 @@ class Stage(Section):
 
     def driven(self, device: Device) -> dict[str, Input]:
         """What drives each port that it drives, by its name."""
-        return {name or device.of(kind)[0].name: given for _, kind, name, given in self.inputs}
+        return {name or _connected(device, kind)[0]: given for _, kind, name, given in self.inputs}
 
     @model_validator(mode="after")
     def _follows_alone(self) -> Stage:
@@ -178,17 +178,25 @@ class Stage(Section):
         return self
 
 
+def _connected(device: Device, kind: PortKind) -> list[str]:
+    """Names of the ports of a kind but floating conductors."""
+    return [port.name for port in device.of(kind) if not port.floating]
+
+
 def check_inputs(program: Sequence[Stage], device: Device) -> None:
     """Raise `ValueAt` if a stage drives a port that the device lacks, or the same one twice."""
     for i, stage in enumerate(program):
         seen: set[str] = set()
         for path, kind, name, _ in stage.inputs:
-            known, where = [port.name for port in device.of(kind)], ("program", i, *path)
+            known, where = _connected(device, kind), ("program", i, *path)
             if not known:
                 raise ValueAt(where, f"the device has no {kind.name}")
             if name is None and len(known) > 1:
                 several = f"there are several: {', '.join(known)}"
                 raise ValueAt(where, f"{several}; name them under `{kind.name}s`")
+            if name in device.by_name and device.by_name[name].floating:
+                problem = f"{name!r} floats: nothing is connected to it"
+                raise ValueAt(where, f"{problem}; add it to `terminals` to drive it")
             if name is not None and name not in known:
                 raise ValueAt(where, f"there is no {kind.name} {name!r}{did_you_mean(name, known)}")
             if (name or known[0]) in seen:

@@ -131,7 +131,9 @@ def device(
         natural = laminate.held
         frame = [FRAME_BLOCK] if laminate.blocks is not None else []
         holds = [Hold(on=(*frame, name), fix=axes) for name, axes in natural]
-    driven, ports = _driven(parts, mounts, holds, terminals, given.chambers or {})
+    driven, ports = _driven(
+        parts, mounts, holds, terminals, given.chambers or {}, natural=given.holds is None
+    )
     held = _held_ends(mounts, holds, parts.kinematics)
     return Device(
         parts.kinematics,
@@ -209,18 +211,28 @@ def _driven(
     holds: Sequence[Hold],
     terminals: Mapping[str, Terminal],
     chambers: Mapping[str, Chamber],
+    natural: bool = False,
 ) -> tuple[list[Support], tuple[Port, ...]]:
-    """Supports in order, later ones hold where they meet earlier ones; and the ports."""
+    """Supports in order, later ones hold where they meet earlier ones; and the ports.
+
+    `natural` tells that the holds are those that the base brings.
+    """
     supports: list[Support] = []
     taken: dict[str, Path_] = {}
     ports: list[Port] = []
     axes = parts.kinematics.axes
+    moved: dict[tuple[str, str], str] = {}
     for name, mount in mounts.items():
         where = ("mounts", name)
         parts.check(mount.on, (*where, "on"))
         parts.check_axes([mount.along], (*where, "along"))
         parts.check_axes(mount.free, (*where, "free"))
         for part in mount.on:
+            other = next((moved[part, a] for a in axes if (part, a) in moved), None)
+            if other is not None:
+                problem = f"{part!r} is a part of mount {other!r} already"
+                raise ValueAt((*where, "on"), problem)
+            moved[part, mount.along] = name
             held = [a for a in axes if a != mount.along and a not in mount.free]
             supports += [Support(axis, part) for axis in held]
             supports.append(Support(mount.along, part, name, MOUNT.name))
@@ -228,6 +240,13 @@ def _driven(
     for k, hold in enumerate(holds):
         parts.check(hold.on, ("holds", k, "on"))
         parts.check_axes(hold.fix, ("holds", k, "fix"))
+        for part, axis in ((p, a) for p in hold.on for a in hold.fix if (p, a) in moved):
+            mount_name = moved[part, axis]
+            if natural:
+                problem = f"the base holds {part!r} by itself; say under `holds` what is held"
+                raise ValueAt(("mounts", mount_name, "on"), f"{problem} instead")
+            problem = f"the mount {mount_name!r} moves {part!r} along {axis}; drop one of both"
+            raise ValueAt(("holds", k, "fix"), problem)
         supports += [Support(axis, part) for part in hold.on for axis in hold.fix]
     grounded = False
     for name, terminal in terminals.items():
@@ -249,12 +268,17 @@ def _driven(
         if name not in taken:
             supports.append(Support(PHI, name, name, TERMINAL.name))
             ports.append(Port(TERMINAL, name, (name,), floating=True))
+    walls: dict[str, str] = {}
     for name, chamber in chambers.items():
         parts.check(chamber.on, ("chambers", name, "on"))
         for part in chamber.on:
             if part not in parts.boundaries:
                 problem = f"{part!r} is no boundary; known: {', '.join(parts.boundaries)}"
                 raise ValueAt(("chambers", name, "on"), problem)
+            if part in walls:
+                problem = f"{part!r} is a face of chamber {walls[part]!r} already"
+                raise ValueAt(("chambers", name, "on"), problem)
+            walls[part] = name
         along = chamber.along or parts.across
         parts.check_axes([along], ("chambers", name, "along"))
         ports.append(Port(CHAMBER, name, chamber.on, along=along))
