@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import case
-from dolfinx.mesh import compute_midpoints
 from laminates import BASES, ELECTRODE, FILM, config, layer, rows, simulation
 from test_geometry import area, cells_of
 
@@ -179,6 +178,8 @@ def test_a_layer_may_cover_a_part_of_its_base():
 
 def test_parts_of_faces_have_boundaries_of_their_own():
     """Terminals within [from, to]; what else is on the face keeps both names."""
+    from dolfinx.mesh import compute_midpoints
+
     terminals = {
         "left": {"on": "film.top", "within": ["0 mm", "4 mm"]},
         "right": {"on": "film.top", "within": ["6 mm", "10 mm"]},

@@ -159,7 +159,7 @@ def test_axes_multiply_and_lists_go_in_step(folder):
     assert [c.work.geometry.film_thickness for c in cases] == pytest.approx(
         [0.03, 0.03, 0.06, 0.06]
     )
-    assert cases[1].work.materials.film.parameters["c01"] == pytest.approx(-1 / 12)
+    assert cases[1].work.materials["film"].parameters["c01"] == pytest.approx(-1 / 12)
 
 
 def test_key_is_that_of_the_physics(folder, tmp_path, monkeypatch):

@@ -108,14 +108,14 @@ def plot(
     ] = None,
     field: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="contours of a field on the deformed strips, such as E"),
+        typer.Option(metavar="NAME", help="a field on the deformed device, such as E"),
     ] = None,
     profile: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="a field along the film, or D_n; repeat for more"),
+        typer.Option(metavar="NAME", help="a field along a layer, or D_n; repeat for more"),
     ] = None,
     revolved: Annotated[
-        bool, typer.Option("--revolved", help="3-D view of the device, coloured by --field")
+        bool, typer.Option("--revolved", help="body of revolution in 3-D, coloured by --field")
     ] = False,
     step: Step = None,
     out: Annotated[
@@ -126,12 +126,15 @@ def plot(
 ) -> None:
     """Draw one or several runs: an overview, history columns, fields or profiles.
 
-    Without options: force against displacement, the inputs in time, capacitance and field.
+    Without options: what the device does (of its first mount or chamber, else of its probes),
+    the inputs in time, capacitance and field.
 
     Fields: u E D (lengths; u_R, E_Z, ... for components), phi, J, and the stresses S_RR (second
-    Piola-Kirchhoff), sigma_RR (Cauchy), maxwell_RR, each with RR, ZZ, TT or RZ; of the film,
-    tension and the margins, such as wrinkling_use. D_n is the surface charge density on the
-    electrodes' inner faces.
+    Piola-Kirchhoff), sigma_RR (Cauchy), maxwell_RR, each with RR, ZZ, TT or RZ; in plane strain
+    with XX, ZZ, YY or XZ, in three dimensions with XX to YZ; of the film, tension and the margins,
+    such as wrinkling_use. D_n is the surface charge density on the electrodes' inner faces.
+
+    A device in space is seen whole and cut in half; profiles are of laminates in a plane.
 
     A picture in RUN/plots/ replaces the one of the same name there; --out replaces nothing unless
     --overwrite is given.
@@ -153,7 +156,7 @@ def animate(
     dark: Dark = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """Animate the deforming strip beside its input curves."""
+    """Animate the deforming device beside its input curves."""
     from dealib.cli.animate import animate as draw
 
     typer.echo(draw(run, field or [], out, seconds, dark, overwrite))

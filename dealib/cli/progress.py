@@ -9,7 +9,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsed
 from rich.progress import Progress as Bar
 
 from dealib.program import Simulation, State
-from dealib.program.run import line
+from dealib.program.run import line, ports_told
 from dealib.units import counted
 
 
@@ -48,7 +48,7 @@ class Progress:
         if self._bar is None:
             print(line(row), flush=True)
             return
-        now = f"{row['stage']}  u {row['displacement_mm']:z.4f} mm  V {row['voltage_kV']:z.3f} kV"
+        now = f"{row['stage']}  {ports_told(row, 'z.4f', ('u', 'p', 'V'))}"
         total = max(self._bar.tasks[0].total or 0, row["step"])
         self._bar.update(self._task, completed=row["step"], total=total, now=now)
 

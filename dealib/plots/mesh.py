@@ -71,7 +71,7 @@ def _plane(
 ) -> Any:
     ends = {} if laminate is None else _ends(laminate, names)
     figure, axes = plt.subplots(
-        1, 1 + len(ends), figsize=(6 + 4.5 * len(ends), 6), layout="constrained", squeeze=False
+        1, 1 + len(ends), figsize=(9 + 3 * len(ends), 5), layout="constrained", squeeze=False
     )
     ink = plt.rcParams["axes.edgecolor"]
     for axis in axes[0]:

@@ -33,7 +33,7 @@ def film(shape: Shape) -> str:
 
 def lines(shape: Shape, what: Quantity) -> dict[str, tuple[Array, Array]]:
     """Positions on the mesh (mm) and values of a quantity along the film, by line."""
-    strip = shape.section.strip(film(shape))
+    strip = shape.section.layer(film(shape))
     if what is SURFACE_CHARGE:
         charge = {f"electrode at the {name} face": strip.charge(shape.arrays, side)
                   for name, side in (("top", 1), ("bottom", -1))}  # fmt: skip
@@ -60,7 +60,7 @@ def _panels(shape: Shape, strip: Strip) -> dict[str, tuple[float, float]]:
 
 def draw_profiles(shape: Shape, quantities: list[Quantity]) -> Any:
     """Quantities along the film at one step: the whole length, and its ends enlarged."""
-    panels = _panels(shape, shape.section.strip(film(shape)))
+    panels = _panels(shape, shape.section.layer(film(shape)))
     figure, axes = plt.subplots(
         len(quantities), len(panels), figsize=(11, 1.2 + 2.7 * len(quantities)), squeeze=False,
         width_ratios=(2, 1, 1)[: len(panels)], layout="constrained",

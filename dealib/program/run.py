@@ -6,7 +6,7 @@ import logging
 import shlex
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -75,24 +75,29 @@ class Log:
 
 def line(row: dict[str, Any]) -> str:
     """One step in one line: its ports and the iterations."""
-    shown = [f"{SYMBOLS[k.partition('.')[0]]}{_at(k)} {v:z9.5f} {_unit(k)}" for k, v in _ports(row)]
     return (
         f"step {row['step']:4d}  t {row['time_s']:9.4g} s  {row['stage']:<12.12s}"
-        f"  {'  '.join(shown)}  {row['newton_iterations']:2d} it"
+        f"  {ports_told(row, 'z9.5f')}  {row['newton_iterations']:2d} it"
     )
 
 
-def _ports(row: dict[str, Any]) -> list[tuple[str, float]]:
-    return [(k, v) for k, v in row.items() if k.partition(".")[0] in SYMBOLS]
+def ports_told(
+    row: dict[str, Any], form: str, symbols: Collection[str] = tuple(SYMBOLS.values())
+) -> str:
+    """Variables of the ports: 'u  -3.00000 mm  F  -0.81331 N  V(drive)   2.50000 kV'.
 
-
-def _at(column: str) -> str:
-    name = column.partition(".")[2]
-    return f"({name})" if name else ""
-
-
-def _unit(column: str) -> str:
-    return column.partition(".")[0].partition("_")[2]
+    Args:
+        row: Of the history.
+        form: Format of the numbers.
+        symbols: Those of the variables that are told.
+    """
+    found = []
+    for column, value in row.items():
+        stem, _, port = column.partition(".")
+        if stem in SYMBOLS and SYMBOLS[stem] in symbols:
+            at = f"({port})" if port else ""
+            found.append(f"{SYMBOLS[stem]}{at} {value:{form}} {stem.partition('_')[2]}")
+    return "  ".join(found)
 
 
 @alone()

@@ -42,7 +42,7 @@ class Section:
         found["u"] = found["u"] + self._height[:, None] * moved[self._source]
         return found
 
-    def strip(self, region: str) -> Strip:
+    def layer(self, region: str) -> Strip:
         """A region as a strip.
 
         Raises:

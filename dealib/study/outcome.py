@@ -151,7 +151,7 @@ class Outcome:
         if self.run is None:
             raise ValueError("a test of a material has no regions")
         if region not in self._strips:
-            self._strips[region] = self._section.strip(region)
+            self._strips[region] = self._section.layer(region)
         return self._strips[region]
 
     @cached_property
