@@ -223,7 +223,8 @@ def changed(folder, x=lambda u: u, y=lambda F: F, header="displacement [mm],forc
         (lambda u: -u, lambda F: F, "spans -1 .. -0.05 mm, the run's 0 .. 1 mm; with prepare: "
          "{displacement: {sign: -1}} 100% would lie inside"),
         (lambda u: -u, lambda F: -F, "spans -1 .. -0.05 mm, the run's 0 .. 1 mm; with prepare: "
-         "{displacement: {sign: -1}} 100% would lie inside, and force then has the opposite sign too"),
+         "{displacement: {sign: -1}} 100% would lie inside, and force then has the opposite sign "
+         "too"),
         (lambda u: u + 6, lambda F: F, "spans 6.05 .. 7 mm, the run's 0 .. 1 mm; with "
          "prepare: {displacement: {zero: start}} 100% would lie inside"),
         (lambda u: 1e3 * u, lambda F: F, "spans 50 .. 1000 mm, the run's 0 .. 1 mm; with "

@@ -132,6 +132,7 @@ def test_exceptions_survive_pickling():
     for kind in kinds:
         names = inspect.signature(kind).parameters if inspect.isfunction(kind.__init__) else ["x"]
         given = {"where": ("a", 1), "signal": 15, "everywhere": True, "share": 2.0}
+        given |= {"context_mark": None, "problem_mark": None}  # of YAML's
         error = kind(*(given.get(name, "text") for name in names))
         again = pickle.loads(pickle.dumps(error))
         assert type(again) is kind

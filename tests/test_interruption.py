@@ -264,7 +264,7 @@ def test_signal_finishes_the_step_and_says_how_to_go_on(tmp_path, whole, sent, c
     assert 4 <= len(run.history) < STEPS
     from dealib.cli.info import describe
 
-    assert describe(run).splitlines()[0] == "small: interrupted"
+    assert describe(run).splitlines()[0] == "run (small): interrupted"
     assert f"go on with: {go_on}" in describe(run)
     resumed = dealib.simulate(small(), directory, resume=True)
     assert_same_history(resumed, whole[0])

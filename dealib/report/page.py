@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
+from dealib.errors import ConfigError
 from dealib.report import css, facts, figures
 from dealib.results.reader import Run
 from dealib.results.summary import margins
@@ -15,10 +17,10 @@ from dealib.results.summary import margins
 
 def _captions(run: Run) -> dict[str, str]:
     """What the pictures of fields show, by name."""
-    found = {
-        q.name: f"{q.label.partition(' ' + q.name[0] + '$')[0]} {q.name}."
-        for q in figures.shown(run)
-    }
+    found = {}
+    with suppress(ConfigError):  # damaged states, which have no pictures
+        for q in figures.shown(run):
+            found[q.name] = f"{q.label.partition(' ' + q.name[0] + '$')[0]} {q.name}."
     return found | {"E": "Electric field at the largest voltage of a stored state."}
 
 

@@ -212,6 +212,8 @@ class StateFile:
         links = {}
 
         def copy(group: Any, path: str) -> None:
+            if path and path not in file:  # columns of the history keep their order
+                file.create_group(path, track_order=True)
             for name in group:
                 link = group.get(name, getlink=True)
                 if isinstance(link, h5py.ExternalLink):
@@ -219,7 +221,7 @@ class StateFile:
                 elif isinstance(group[name], h5py.Group):
                     copy(group[name], f"{path}{name}/")
                 else:
-                    group.copy(name, file.require_group(path or "/"))
+                    group.copy(name, file[path or "/"])
 
         copy(self._file, "")
         file.require_group("states")
