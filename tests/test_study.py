@@ -373,7 +373,7 @@ def test_study_solves_draws_and_compares(folder):
 
 def test_pictures_follow_the_axes_that_are_asked_for(folder, monkeypatch):
     """An axis whose limits fall runs that way; log axes; one legend below panels that share it."""
-    from dealib.plots import panels
+    from dealib.study import panels
 
     text = STUDY.replace(
         "label: Thickness (µm)", "label: Thickness (µm), scale: log, limits: [20, 90]"

@@ -184,7 +184,7 @@ def _draw(results: Results, folder: Path) -> str:
     with warnings.catch_warnings():
         # Debian's and pip's matplotlib side by side: 3-D axes, which nothing here uses, do not load
         warnings.filterwarnings("ignore", message="Unable to import Axes3D")
-        from dealib.plots.panels import draw
+        from dealib.study.panels import draw
     name, drawn = results.study.name, draw(results)
     write_text(folder / f"{name}.csv", results.table.to_csv(index=False))
     if drawn is None:
