@@ -370,7 +370,5 @@ def test_a_free_block_of_any_solid_cells_is_that_of_the_closed_form(tmp_path, ki
 
 def test_hexahedra_of_twenty_nodes_are_refused_with_what_to_do(tmp_path):
     written(tmp_path / "m.msh", named(hexahedra=True), 2, 1)
-    with pytest.raises(
-        ConfigError, match="hexahedra of second order need 27 nodes"
-    ):
+    with pytest.raises(ConfigError, match="hexahedra of second order need 27 nodes"):
         solved(tmp_path, FREE)
