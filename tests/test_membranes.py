@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from laminates import config, layer, rows
+from laminates import config, layer, rows, simulation
 from verification.references.annulus import Annulus, push
 from verification.references.laws import Film, neo_hooke, slope
 from verification.references.wrinkling import natural_width, onset
 
+from dealib.errors import NotConverged
 from dealib.units import EPSILON_0
 
 G, EPS = 0.334, 3.0
@@ -160,3 +161,31 @@ def test_other_laws_wrinkle_without_force_across(law):
     assert abs(end["force_N.side"]) < 1e-4 * end["force_N.plate"]
     assert end["force_N.plate"] > 0.05
     assert np.isclose(end["wrinkled_area_mm2"], 80)
+
+
+@pytest.mark.parametrize("wrinkling", ["taut", "tension_field"])
+def test_the_tangent_s_pattern_is_known_before_the_first_step(wrinkling):
+    """An entry that comes later makes PETSc copy the matrix: minutes instead of seconds."""
+    given = config(
+        "annulus",
+        layer(thickness="30 um"),
+        geometry={"space": "3d", "symmetry": ["X", "Y"]},
+        mesh={"sectors": 4},
+        physics=MEMBRANE | {"wrinkling": wrinkling},
+        materials={"film": RUBBER | {"prestretch": 1.1}},
+        program=[
+            {"stage": "prestrain"},
+            {"stage": "push", "mount": {"displacement": "1 mm"}, "steps": 2},
+            {"stage": "actuate", "terminal": {"voltage": "0.5 kV"}},
+        ],
+    )
+    run = simulation(given)
+    steps = [state.row for state in run]
+    assert steps[-1]["charge_uC"] > 0
+    assert run.engine.system.matrix.getInfo()["mallocs"] == 0
+
+
+def test_a_flat_film_without_tension_bears_nothing_across():
+    program = [{"stage": "push", "mount": {"displacement": "1 mm"}}]
+    with pytest.raises(NotConverged, match="the tangent is singular: .*not yet by any tension"):
+        ring(program=program, materials={"film": RUBBER})

@@ -29,6 +29,8 @@ _EXACT = 1e-12  # of a linear solution that nothing corrects afterwards
 _STEP = 1e-7  # negligible step: of the film's thickness, of 1 kV, of its shear modulus
 _FOLDING = 5  # times as many iterations in tension fields, whose tangent jumps
 _ROUNDING = 1e4  # how far above the tolerance rounding may keep the residual
+_EXTERNAL = 76  # PETSc's error of a library: MUMPS, where whole rows of the tangent are zero
+_SINGULAR = "the tangent is singular: a part is held by nothing, or not yet by any tension"
 Reason = PETSc.SNES.ConvergedReason
 
 
@@ -109,7 +111,12 @@ class Newton:
             NotConverged: With the reason; q is then meaningless.
         """
         free(self.system.map.comm)
-        self._snes.solve(None, self.system.q)
+        try:
+            self._snes.solve(None, self.system.q)
+        except PETSc.Error as error:
+            if error.ierr != _EXTERNAL:
+                raise
+            raise NotConverged(_SINGULAR) from None
         self.iterations = self._snes.getIterationNumber()
         self.linear_iterations = self._snes.getLinearSolveIterations()
         self.total += self.iterations
@@ -123,7 +130,7 @@ class Newton:
             known = {
                 Reason.DIVERGED_MAX_IT: "no convergence within the iterations allowed",
                 DIVERGED_NAN: "an element turned inside out",
-                Reason.DIVERGED_LINEAR_SOLVE: "the tangent is singular",
+                Reason.DIVERGED_LINEAR_SOLVE: _SINGULAR,
             }
             what = known.get(reason, f"SNES reason {reason}")
             raise NotConverged(f"{what} (residual over tolerance: {worst or 'ports'})")

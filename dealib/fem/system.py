@@ -259,6 +259,9 @@ class System:
         local = np.concatenate([np.arange(*index_map.local_range), index_map.ghosts])
         size = 1e-9 * self.problem.domain.sizes.thickness
         w.x.array[:] = size * (1 + np.sin(1e3 * local))
+        given = {port: self.problem.value(port) for port in self.problem.values}
+        self.problem.set_values(dict.fromkeys(given, size))
+        self.problem.settle()
         owned = self.map.owned
         loose = PETSc.Mat().createAIJ(((owned, None), (owned, None)), comm=self.map.comm)
         loose.setPreallocationNNZ(self._row_bounds())
@@ -272,6 +275,8 @@ class System:
         matrix.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)
         matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
         w.x.array[:] = saved
+        self.problem.set_values(given)
+        self.problem.settle()
         return matrix
 
     def _row_bounds(self) -> tuple[Any, Any]:
