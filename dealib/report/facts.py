@@ -85,9 +85,10 @@ def device(config: Config) -> dict[str, Rows]:
         found["Geometry"] = known + _layers(laminate)
     for name, material in config.solids.items():
         found[_words(name).capitalize()] = rows(material)
-    ports = [(_title(port), _held(port)) for port in config.device.ports]
-    if ports:
-        found["Ports"] = ports
+    for port in config.device.ports:
+        along = f", along {port.along}" if port.along else ""
+        told = f"on {', '.join(port.on)}{along}" + (", floating" if port.floating else "")
+        found.setdefault("Ports", []).append((_title(port), told))
     if config.regions:
         found["Geometry"].append(("regions", text(config.regions)))
     mesh = [("order", str(config.mesh.order))] if laminate is None else rows(config.mesh)
@@ -109,12 +110,6 @@ def _layers(laminate: Laminate) -> Rows:
 
 def _title(port: Port) -> str:
     return port.kind.name if port.name == port.kind.name else f"{port.kind.name} {port.name}"
-
-
-def _held(port: Port) -> str:
-    """What a port takes hold of."""
-    along = f", along {port.along}" if port.along else ""
-    return f"on {', '.join(port.on)}{along}" + (", floating" if port.floating else "")
 
 
 def program(config: Config) -> list[dict[str, str]]:
