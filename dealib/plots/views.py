@@ -150,9 +150,6 @@ def picture(
     if edges:
         light |= {"show_edges": True, "edge_color": edges}
     for body, colour in seen:
-        if isinstance(body, pv.UnstructuredGrid):  # seen too where its colour is the paper's
-            rim = body.extract_feature_edges(40, manifold_edges=False)
-            plotter.add_mesh(rim, color=_RIGID, line_width=1.5)
         if colour or colours is None:
             plotter.add_mesh(body, color=colour, **light)
             continue
