@@ -259,3 +259,25 @@ def test_several_terminals_have_their_names(tmp_path):
     ]  # fmt: skip
     assert Shape(run).when.endswith("V of drive = 1 kV")
     assert BASES["annulus"]["kind"] == "annulus"
+
+
+def test_layers_of_a_sheet_that_meet_other_layers_on_a_part_have_charge_along_them(tmp_path):
+    """Where a layer's neighbours change, the mesh of the results has two nodes at one place."""
+    layers = [
+        layer("film", "0.1 mm"),
+        layer("skin", "20 um", material="electrode", within=["2 mm", "8 mm"]),
+    ]
+    given = config(
+        "tube", *layers, physics={"model": "membrane"},
+        materials={"film": FILM | {"prestretch": 1.1}},
+        terminals={"hot": {"on": "skin"}, "ground": {"on": "film.bottom", "ground": True}},
+    )  # fmt: skip
+    run = simulated(changed(given, program=ON), tmp_path)
+    shape = Shape(run)
+    assert shape.layers == ("film", "skin")
+    Z, sigma = lines(shape, SURFACE_CHARGE)["electrode at the top face"]
+    assert np.isfinite(sigma).all()
+    assert (np.diff(Z) > 0).all()
+    outside, inside = np.abs(sigma[(Z < 1.9) | (Z > 8.1)]), np.abs(sigma[(Z > 3) & (Z < 7)])
+    assert outside.max() < 1e-9
+    assert inside == pytest.approx(1e3 * EPS * 10, rel=0.1)  # 1 kV over 0.1 mm

@@ -85,9 +85,10 @@ def device(config: Config) -> dict[str, Rows]:
         found["Geometry"] = known + _layers(laminate)
     for name, material in config.solids.items():
         found[_words(name).capitalize()] = rows(material)
-    ports = [(_title(port), _held(port)) for port in config.device.ports]
-    if ports:
-        found["Ports"] = ports
+    for port in config.device.ports:
+        along = f", along {port.along}" if port.along else ""
+        told = f"on {', '.join(port.on)}{along}" + (", floating" if port.floating else "")
+        found.setdefault("Ports", []).append((_title(port), told))
     if config.regions:
         found["Geometry"].append(("regions", text(config.regions)))
     mesh = [("order", str(config.mesh.order))] if laminate is None else rows(config.mesh)
@@ -109,12 +110,6 @@ def _layers(laminate: Laminate) -> Rows:
 
 def _title(port: Port) -> str:
     return port.kind.name if port.name == port.kind.name else f"{port.kind.name} {port.name}"
-
-
-def _held(port: Port) -> str:
-    """What a port takes hold of."""
-    along = f", along {port.along}" if port.along else ""
-    return f"on {', '.join(port.on)}{along}" + (", floating" if port.floating else "")
 
 
 def program(config: Config) -> list[dict[str, str]]:
@@ -153,18 +148,15 @@ def _inputs(stage: Stage) -> str:
 def headline(run: Run) -> list[tuple[str, str]]:
     """The figures that matter most, value first."""
     h, known = run.history, columns(run.config)
-    probes = [c.name for c in known.values() if c.probe and c.name in h]
-    own = [
-        c.name
-        for c in known.values()
-        if c.quantity.name == "capacitance_pF" and len(set(c.ports)) == 1 and c.name in h
-    ]
-    found = [_range(h, known[name]) for name in dict.fromkeys([*motion(run)[:1], *probes])]
+    there = [c for c in known.values() if c.name in h]
+    moves = [*motion(run)[:1], *(c.name for c in there if c.probe)]
+    found = [_range(h, known[name]) for name in dict.fromkeys(moves)]
     for a in actuations(run):
         found.append((f"{_number(a.value)} {a.unit}".rstrip(), f"{a.what} in “{a.stage}”"))
     for point in critical_points(run):
         found.append((f"{_number(point.value)} {point.unit}", f"{point.name} in “{point.stage}”"))
-    found += [_range(h, known[name]) for name in own]
+    own = [c for c in there if c.quantity.pairs and len(set(c.ports)) == 1]
+    found += [_range(h, column) for column in own]
     found.append((f"{h['field_max_MV_per_m'].max():.4g} MV/m", "peak field"))
     found.append((f"{h['thickness_stretch_min'].min():.4f}", "smallest thickness stretch"))
     return [(value.replace("mm3", "mm³"), name) for value, name in found]

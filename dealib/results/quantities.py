@@ -79,6 +79,8 @@ class Quantity:
             values = values[index]
         elif values.ndim == 2:
             values = np.linalg.norm(values, axis=1)
+        if self.field == "wrinkling":  # extrapolation to the nodes goes below
+            values = np.maximum(values, 0.0)
         return self.factor * np.where(np.abs(values) < NOISE, 0.0, values)
 
 

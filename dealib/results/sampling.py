@@ -151,7 +151,8 @@ class Strip:
         found = [own[:, :n], np.roll(own[:, :n], -1, axis=1)]
         found += [own[:, n : 2 * n]] if cell.order == 2 else []
         nodes = np.unique(np.concatenate([part[on] for part in found]))
-        return np.asarray(nodes[np.argsort(self.mesh.points[nodes, 1 - self._across])])
+        along = np.round(self.mesh.points[nodes, 1 - self._across], 9)
+        return np.asarray(nodes[np.unique(along, return_index=True)[1]])  # of two at a place one
 
     @property
     def positions(self) -> Array:
