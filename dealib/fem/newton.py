@@ -34,6 +34,10 @@ _SINGULAR = "the tangent is singular: a part is held by nothing, or not yet by a
 Reason = PETSc.SNES.ConvergedReason
 
 
+class Singular(NotConverged):
+    """The tangent cannot be factored at all; PETSc's solver is of no use any more."""
+
+
 @dataclass(frozen=True)
 class Scales:
     """Sizes that residuals are compared with.
@@ -116,7 +120,7 @@ class Newton:
         except PETSc.Error as error:
             if error.ierr != _EXTERNAL:
                 raise
-            raise NotConverged(_SINGULAR) from None
+            raise Singular(_SINGULAR) from None
         self.iterations = self._snes.getIterationNumber()
         self.linear_iterations = self._snes.getLinearSolveIterations()
         self.total += self.iterations

@@ -10,7 +10,7 @@ from typing import Any
 
 from dealib.config.schema import Solver
 from dealib.errors import NotConverged
-from dealib.fem.newton import Newton
+from dealib.fem.newton import Newton, Singular
 from dealib.program.predictor import Predictor
 
 log = logging.getLogger(__name__)
@@ -109,6 +109,8 @@ class Increments:
                 try:
                     self._solve(kept, then, inputs)
                     allowed = self._allowed(step)
+                except Singular as error:
+                    raise NotConverged(f"{explain(then)} ({error})") from None
                 except NotConverged as error:
                     kept.copy(q)
                     apply(clock.now)
@@ -158,6 +160,8 @@ class Increments:
             try:
                 self.newton.solve()
                 return
+            except Singular:
+                raise
             except NotConverged as error:
                 log.debug("from the last state instead of the predicted one: %s", str(error))
                 kept.copy(q)
