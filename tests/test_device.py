@@ -332,6 +332,11 @@ EDITS: list[tuple[str, str, str, str | list[str], str]] = [
      "thickness: 0.1 mm, within: [5 mm, 4 mm],",
      "7:48: geometry.layers.1.within: 5 to 4 mm is no part of the base, which goes from 0 to 10 "
      "mm along X", "[5 mm"),
+    ("layer on nothing", "    - {name: upper, thickness: 0.1 mm,",
+     "    - {name: low, thickness: 1 mm, material: film, within: [0 mm, 4 mm]}\n"
+     "    - {name: upper, thickness: 0.1 mm, within: [5 mm, 8 mm],",
+     "8:48: geometry.layers.2.within: 'upper' lies on nothing: it and 'low', the layer below, do "
+     "not overlap", "[5 mm"),
     ("part along another axis", "thickness: 0.1 mm,",
      "thickness: 0.1 mm, within: {R: [1 mm, 4 mm]},",
      "7:48: geometry.layers.1.within: the base has no axis R; it has X", "{R"),

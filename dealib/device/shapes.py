@@ -192,6 +192,13 @@ else:
     ]
 
 
+def _overlap(one: Part, other: Part) -> bool:
+    """Whether two parts may have some of the base in common; of circles yes."""
+    common = set(one.spans) & set(other.spans)
+    pairs = [(one.spans[axis], other.spans[axis]) for axis in common]
+    return all(a[0] < b[1] and b[0] < a[1] for a, b in pairs)
+
+
 class LaminateShape(Section):
     """Layers on a base, stacked from the bottom, or from the inside of a tube."""
 
@@ -241,6 +248,7 @@ class LaminateShape(Section):
     @model_validator(mode="after")
     def _possible(self) -> LaminateShape:
         seen: set[str] = set()
+        below: tuple[str, Part] | None = None
         first, last = self.base.limits
         for k, given in enumerate(self.layers):
             inner = given.layers if isinstance(given, Repeat) else [given]
@@ -251,8 +259,13 @@ class LaminateShape(Section):
                     problem = f"there are two layers {layer.name!r}; give them different names"
                     raise ValueAt(("layers", k), problem)
                 seen.add(layer.name)
+                part = None
                 if layer.within is not None:
-                    layer.within.part(self.base, self.solid, ("layers", k, "within"))
+                    part = layer.within.part(self.base, self.solid, ("layers", k, "within"))
+                if part is not None and below is not None and not _overlap(below[1], part):
+                    problem = f"{layer.name!r} lies on nothing: it and {below[0]!r}, the layer "
+                    raise ValueAt(("layers", k, "within"), problem + "below, do not overlap")
+                below = None if part is None else (layer.name, part)
         check_air(self.air_height, sum(x.thickness for x, _ in self._items()) / 2)
         if self.solid and not self.base.mirrors:
             raise ValueAt(("space",), f"a {self.base.kind} is not solved in three dimensions")
