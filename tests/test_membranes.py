@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from laminates import config, layer, rows, simulation
@@ -10,6 +12,8 @@ from verification.references.laws import Film, neo_hooke, slope
 from verification.references.wrinkling import natural_width, onset
 
 from dealib.errors import NotConverged
+from dealib.materials import coupon
+from dealib.materials.laws import LAWS
 from dealib.units import EPSILON_0
 
 G, EPS = 0.334, 3.0
@@ -189,3 +193,38 @@ def test_a_flat_film_without_tension_bears_nothing_across():
     program = [{"stage": "push", "mount": {"displacement": "1 mm"}}]
     with pytest.raises(NotConverged, match=r"the tangent is singular: .*not yet by any tension"):
         ring(program=program, materials={"film": RUBBER})
+
+
+@pytest.mark.parametrize("model", ["membrane", "solid"])
+def test_branches_relax_in_space_as_at_a_material_point(model):
+    """Pulled equally both ways in 1 s, then held: the stress of the one-dimensional solution."""
+    film = RUBBER | {"branches": [{"shear_modulus": "0.2 MPa", "relaxation_time": "1 s"}]}
+    both = {"plate": {"displacement": "5 mm"}, "side": {"displacement": "4 mm"}}
+    program = [
+        {"stage": "prestrain"},
+        {"stage": "pull", "mounts": both, "steps": 20},
+        {"stage": "hold", "duration": "2 s", "steps": 10},
+    ]
+    physics = {"model": model} | ({"formulation": "mixed"} if model == "solid" else {})
+    found = square(program, film, **physics)
+    time, stretch, corners = coupon.refined([0.0, 1.0, 3.0], [1.0, 1.5, 1.5])
+    moduli = SimpleNamespace(shear_modulus=G, bulk_modulus=0.0)
+    material = coupon.Material(LAWS["neo_hookean"], moduli, branches=((0.2, 1.0),))
+    path = coupon.Path("equal-biaxial", time, stretch)
+    (stress,) = coupon.stresses(path, [material])
+    ends = {row["stage"]: row["force_N.plate"] / (0.050 * 8) for row in found}
+    assert [ends["pull"], ends["hold"]] == pytest.approx(stress[corners[1:]].tolist(), rel=2e-3)
+    assert found[-1]["dissipated_energy_mJ"] > 0
+
+
+def test_the_field_of_a_second_film_of_the_same_material_counts():
+    low, high = layer("low", "0.1 mm", material="film"), layer("high", "0.1 mm", material="film")
+    terminals = {
+        "hot": {"on": "high.top"},
+        "ground": {"on": ["low.bottom", "low.top"], "ground": True},
+    }
+    program = [{"stage": "prestrain"}, {"stage": "actuate", "terminal": {"voltage": "2 kV"}}]
+    film = RUBBER | {"prestretch": 1.1}
+    given = {"physics": MEMBRANE, "terminals": terminals, "materials": {"film": film}}
+    end = rows(config("annulus", low, high, program=program, **given))[-1]
+    assert end["field_max_MV_per_m"] == pytest.approx(20, rel=0.05)

@@ -58,11 +58,12 @@ class FilmPoints:
             normals: Directions across the films at the Gauss points of the local cells; default
                 those of the layers.
         """
-        films = local.film_groups(problem.config)
+        materials = local.region_materials(problem.config)
+        found = ((group, materials[group.regions[0]]) for group in problem.groups)
         return tuple(
-            cls._of(problem, layout, group, films[group.regions[0]][0], normals)
-            for group in problem.groups
-            if group.regions[0] in films
+            cls._of(problem, layout, group, material, normals)
+            for group, material in found
+            if material.law is not None and material.permittivity
         )
 
     @classmethod

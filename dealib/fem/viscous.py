@@ -290,10 +290,8 @@ class Viscosity:
         nodal = self._layout.local()
         for part in self._parts.values():
             F = self._deformation(part, nodal[part.cells])
-            yield (
-                part,
-                evolution.isochoric(F if part.prestretch is None else F * part.prestretch.value),
-            )
+            total = F if part.prestretch is None else F * part.prestretch.value
+            yield part, evolution.isochoric(total, self._size)
 
     def _deformation(self, part: _Part, nodal: Array) -> Array:
         """Deformation gradients from the mesh; of sheets with the solver's thickness stretch."""
