@@ -76,7 +76,7 @@ def square(program, law=RUBBER, **physics):
         "holds": [
             {"on": "left", "fix": "X"},
             {"on": "front", "fix": "Y"},
-            {"on": "film", "fix": "Z"},
+            {"on": "film.bottom", "fix": "Z"},
         ],
         "terminals": {"top": {"on": "film.top"}, "ground": {"on": "film.bottom", "ground": True}},
         "program": program,
