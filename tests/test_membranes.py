@@ -70,8 +70,8 @@ def square(program, law=RUBBER, **physics):
         "materials": {"film": law},
         "physics": MEMBRANE | physics,
         "mounts": {
-            "plate": {"on": "right", "along": "X", "free": ["Y"]},
-            "side": {"on": "back", "along": "Y", "free": ["X"]},
+            "plate": {"on": "right", "along": "X", "free": ["Y", "Z"]},
+            "side": {"on": "back", "along": "Y", "free": ["X", "Z"]},
         },
         "holds": [
             {"on": "left", "fix": "X"},
