@@ -331,10 +331,9 @@ def test_limit_points_are_told(run):
 
 
 def test_the_report_tells_what_is_followed(run):
-    """In the table of the load program; the port that is followed is not unchanged."""
+    """In the table of the load program."""
     *_, row = facts.program(run.config)
-    assert row["mount"] == "unchanged"
-    assert row["terminal"] == "voltage followed until displacement −2.9 mm"
+    assert row["inputs"] == "voltage followed until displacement −2.9 mm"
     count = dict(facts.solution(run))["Steps"]
     assert count == f"{len(run.history) - 1}; a branch takes as many as it turns out to need"
 
@@ -419,7 +418,7 @@ HELD = "{stage: hold, mount: {displacement: -1 mm}}"
         ("[{stage: b, follow: {vary: voltage, until: {displacement: -2 mm}}}]",
          "give the end of charge"),
         ("[{stage: b, follow: {vary: voltage, along: force, until: {force: -2 N}}}]",
-         "beside voltage only charge or displacement, not force"),
+         "beside voltage only charge or the displacement of the mount measures the path, not its force"),
         ("[{stage: b, mount: {force: 0 N}, follow: {vary: voltage, until: {charge: 1 uC}}}]",
          "a stage that follows a branch takes no input"),
         ("[{stage: b, cycles: 2, follow: {vary: voltage, until: {charge: 1 uC}}}]",

@@ -138,8 +138,8 @@ def check_branches(config: Any) -> None:
         if other != port and stem == other.kind.dual.name:
             raise ValueAt(
                 (*where, "along"),
-                f"beside {vary} only the {other.kind.primal.name} of the {other.kind.name} "
-                f"measures the path, not its {stem}",
+                f"beside {vary} only {partner(vary)} or the {other.kind.primal.name} of the "
+                f"{other.kind.name} measures the path, not its {stem}",
             )
         if driven[port.name] in ("spring", "bias", "gas"):
             raise ValueAt(
