@@ -418,7 +418,7 @@ HELD = "{stage: hold, mount: {displacement: -1 mm}}"
         ("[{stage: b, follow: {vary: voltage, until: {displacement: -2 mm}}}]",
          "give the end of charge"),
         ("[{stage: b, follow: {vary: voltage, along: force, until: {force: -2 N}}}]",
-         "beside voltage only charge or the displacement of the mount measures the path, not its force"),
+         "beside voltage only charge or the displacement of the mount measures the path, not"),
         ("[{stage: b, mount: {force: 0 N}, follow: {vary: voltage, until: {charge: 1 uC}}}]",
          "a stage that follows a branch takes no input"),
         ("[{stage: b, cycles: 2, follow: {vary: voltage, until: {charge: 1 uC}}}]",
