@@ -62,7 +62,7 @@ def test_an_unforeseen_error_is_one_message_with_a_file_to_report(strip_run, tmp
     assert text.startswith(f"dealib info {strip_run.directory}\n")
     assert "in broken" in text
     assert "KeyError: 'no such column'" in text
-    assert "fenics-dolfinx" in text
+    assert "dolfinx" in text
     assert "Traceback" not in err
     assert "Please report it" in lines[3]
     assert len(lines) == 4
