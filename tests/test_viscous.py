@@ -52,7 +52,7 @@ def metric(t: float) -> np.ndarray:
 
 def integrate(rule: evolution.Evolution, steps: int, time: float) -> np.ndarray:
     """C_i after the deformation above has been reached in 1 s."""
-    internal = evolution.IDENTITY
+    internal = evolution.identity()
     for k in range(steps):
         C, D = metric(k / steps), metric((k + 1) / steps)
         internal = rule.end(*rule.step(C, internal, 1 / steps / time), D)
@@ -83,7 +83,7 @@ def test_the_rule_meets_the_differential_equation_with_second_order(name, time):
     def rate(t, x):
         return RATES[name](metric(t), x) / time
 
-    exact = solve_ivp(rate, (0, 1), evolution.IDENTITY, rtol=1e-12, atol=1e-13).y[:, -1]
+    exact = solve_ivp(rate, (0, 1), evolution.identity(), rtol=1e-12, atol=1e-13).y[:, -1]
     rule = evolution.EVOLUTIONS[name]
     if name == "multiplicative":
         assert evolution.determinant(exact) == pytest.approx(1, abs=1e-10)
