@@ -132,7 +132,7 @@ def serial(configs, tmp_path_factory) -> Path:
     return directory
 
 
-@pytest.fixture(scope="module", params=[2, 3])
+@pytest.fixture(scope="module", params=[2, pytest.param(3, marks=pytest.mark.slow)])
 def parallel(request, configs, tmp_path_factory) -> Path:
     """Run directories of all cases on a number of ranks."""
     directory = tmp_path_factory.mktemp(f"on{request.param}")

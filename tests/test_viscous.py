@@ -362,6 +362,7 @@ def test_resume_goes_on_as_if_never_stopped(run, tmp_path, stop):
 
 
 @pytest.mark.mpi
+@pytest.mark.slow
 def test_resume_on_two_ranks(run, tmp_path):
     with pytest.raises(KeyboardInterrupt):
         dealib.simulate(case(), tmp_path / "run", observers=[At(7, KeyboardInterrupt())])

@@ -117,7 +117,10 @@ class Tables:
         return self.slope("force", "voltage", *at)
 
     def capacitance(self, *at: Any) -> Array:
-        """Differential capacitance dQ/dV, pF."""
+        """Differential capacitance dQ/dV, pF; at 0 V if the voltage is not given."""
+        if len(at) == len(self.axes) - 1:
+            k = list(self.axes).index(self._named("voltage"))
+            at = (*at[:k], 0.0, *at[k:])
         return 1e3 * self.slope("charge", "voltage", *at)
 
     def _axis(self, dual: str) -> str:

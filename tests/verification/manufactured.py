@@ -21,7 +21,7 @@ from dolfinx import fem
 
 from dealib.config.schema import Config
 from dealib.fem import compat
-from dealib.fem.energies import MixedHyperelastic, Point
+from dealib.fem.energies import MixedHyperelastic, Point, density
 from dealib.fem.problem import Problem, build_problem
 from verification.bench import Bench, config
 from verification.table import Row
@@ -41,9 +41,13 @@ class Sources:
     work: Any
     on: str = "film"
 
-    def density(self, point: Point) -> Any:
+    def scalars(self, point: Point) -> tuple[Any, ...]:
+        """What the energy depends on."""
+        return (self.work,)
+
+    def of(self, work: Any) -> Any:
         """Negative work per mesh volume."""
-        return -self.work
+        return -work
 
 
 def exact(mesh: Any) -> tuple[Any, Any]:
@@ -63,7 +67,7 @@ def add_sources(problem: Problem) -> None:
     E = ufl.variable(k.nominal_field(phi))
     # the mixed form is given by the energy of its solid: at the exact p they are the same
     parts = [getattr(part, "solid", part) for part in problem.elastic + problem.electric]
-    W = sum(part.density(Point(x, u, F, E)) for part in parts)
+    W = sum(density(part, Point(x, u, F, E)) for part in parts)
     P, D = ufl.diff(W, F), -ufl.diff(W, E)
     force = ufl.as_vector(
         [
