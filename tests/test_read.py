@@ -300,8 +300,8 @@ def test_units_of_headers_in_capitals_may_be_two(tmp_path):
         force.in_unit("N")
 
 
-def test_a_million_rows_in_five_seconds_and_500_mb(tmp_path):
-    """With the import of pandas; processor time counts, the least of three on a busy machine."""
+def million(tmp_path):
+    """Read a million rows in a process: points, mean, processor time (s), memory (MB)."""
     i = np.arange(1_000_000)
     columns = [i * 1e-3, -2 * np.sin(i * 1e-5), 0.3 * np.cos(i * 1e-5)]
     path = tmp_path / "long.csv"
@@ -315,20 +315,26 @@ def test_a_million_rows_in_five_seconds_and_500_mb(tmp_path):
         "from dealib.data.schema import Selection\n"
         "names = ['time_s', 'displacement_mm', 'force_N']\n"
         "m = measured(sys.argv[1], names, Selection(file='x', x='displacement', resample=1000))\n"
-        "print(len(m.columns['force_N']), m.columns['force_N'].sum())\n"
+        "print(len(m.columns['force_N']), m.columns['force_N'].mean())\n"
         "print(time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)"
     )
-    for _ in range(3):
-        done = subprocess.run(
-            [sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True
-        )
-        points, total, seconds, memory = map(float, done.stdout.split())
-        if seconds < 5:
-            break
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True
+    )
+    return [*map(float, done.stdout.split()), float(np.mean(columns[2]))]
+
+
+def test_a_million_rows_in_500_mb(tmp_path):
+    points, mean, _, memory, exact = million(tmp_path)
     assert points == pytest.approx(1000, abs=5)
-    assert total / points == pytest.approx(np.mean(columns[2]), abs=1e-3)
-    assert seconds < 5
+    assert mean == pytest.approx(exact, abs=1e-3)
     assert memory < 500
+
+
+@pytest.mark.slow
+def test_a_million_rows_in_five_seconds(tmp_path):
+    """With the import of pandas; slow, since it wants a machine that is not busy."""
+    assert million(tmp_path)[2] < 5
 
 
 # --- files that were sent in ---------------------------------------------------------------------

@@ -137,7 +137,7 @@ def test_the_work_of_a_pressure_is_the_integral_of_p_by_volume(device):
     """It is what the film stores; the history's sum tends to it with the second power of steps."""
     top = {"diaphragm_pump": 2.4, "balloon": 12.0}[device]  # ml
     places, weights = np.polynomial.legendre.leggauss(16)
-    knots = ", ".join(f"{top * (1 + x) / 2!r} ml" for x in places)
+    knots = ", ".join(f"{top * (1 + x) / 2} ml" for x in places.tolist())
     go = "[{{stage: go, chamber: {{volume: [{0}, {1} ml]}}, steps: {2}}}]"
     fine = history(f"devices/{device}", program=go.format(knots, top, 17))
     at = fine.iloc[-len(places) - 1 : -1]
