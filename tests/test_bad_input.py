@@ -60,7 +60,8 @@ EDITS = [
       "16:3: materials.electrode.bulk_modulus: this key is missing: bulk modulus kappa; such as "
       "'1 MPa'",
       "18:5: materials.electrode.c10: unknown key; known: library, relative_permittivity, "
-      "prestretch, mounted, branches, youngs_modulus, law, shear_modulus, bulk_modulus"], "c10:"),
+      "prestretch, mounted, branches, mullins, permanent_set, youngs_modulus, law, shear_modulus, "
+      "bulk_modulus"], "c10:"),
     ("missing key", "  outer_radius: 12 mm\n", "",
      "2:1: geometry.outer_radius: this key is missing: inner radius of the rigid frame; such as "
      "'30 um'", "geometry:"),
@@ -353,7 +354,7 @@ EDITS = [
           ("mount_stiffness_N_per_mm", "1 N/mm", "sensing.differential: true"),
           ("electrode_resistance_kohm", "1 kohm", "sensing.sheet_resistance"),
           ("rc_time_us", "1 us", "sensing.sheet_resistance"),
-          ("dissipated_energy_mJ", "1 mJ", "Maxwell branches, such as materials.film.branches"),
+          ("dissipated_energy_mJ", "1 mJ", "a material with branches, mullins or permanent_set"),
           ("dissipated_power_mW", "1 mW", "Maxwell branches, such as materials.film.branches"),
           ("unstable_modes", "0", "a stage with follow"),
           ("limit_point", "0", "a stage with follow"),
@@ -492,7 +493,9 @@ def test_bad_override(dealib, tmp_path, assignment, expected):
     expected = [expected] if isinstance(expected, str) else expected
     said = "\n".join(f"--set {assignment}: {e}" for e in expected)
     code, out, err = dealib("check", path, "--set", assignment)
-    known = "library, relative_permittivity, prestretch, mounted, branches, "
+    known = (
+        "library, relative_permittivity, prestretch, mounted, branches, mullins, permanent_set, "
+    )
     assert (code, out) == (2, "")
     assert err == f"dealib: {said}\n".replace("KEYS", known + keys)
 

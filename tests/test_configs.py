@@ -1,11 +1,16 @@
 """Every config in configs/ is run and asserts physical numbers."""
 
+import itertools
+
 import numpy as np
 import pytest
 from conftest import CONFIGS, case, history
+from synthetic_coupons import FILLED
 
+from dealib.materials import coupon
 from dealib.units import EPSILON_0, GRAVITY
 
+WAY = (1, 1.5, 1, 2, 1, 2)  # stretches of softening.yaml
 CONFIG_NAMES = {
     "acrylic",
     "bias_double_cone",
@@ -26,6 +31,7 @@ CONFIG_NAMES = {
     "pull_in",
     "sensing",  # in test_sensing.py
     "snap_through",
+    "softening",
     "tables",
 }
 
@@ -50,6 +56,18 @@ def test_benchmark_strips(name, tolerance, expected):
     got = [s[k] for s in (pushed, actuated) for k in ("force_N", "capacitance_pF")]
     assert got == pytest.approx(list(expected), rel=tolerance)
     assert h.loc[0, "capacitance_pF"] == pytest.approx(230.31, rel=1e-4)
+
+
+def test_softening_is_that_of_the_homogeneous_test():
+    """The material of the synthetic coupon tests, in pure shear."""
+    way = np.concatenate([[1], *(np.linspace(a, b, 401)[1:] for a, b in itertools.pairwise(WAY))])
+    path = coupon.Path("pure shear", np.arange(len(way)), way)
+    (stress,) = coupon.stresses(path, [FILLED])
+    h = history("softening")
+    force = h.groupby("stage", sort=False)["force_N"].last().to_numpy()[1:]
+    assert force / (40 * 0.5) == pytest.approx(stress[400::400], abs=2e-3 * stress.max())
+    first, *_, third = h["force_N"][np.isclose(h["displacement_mm"], 10)]
+    assert third < 0.6 * first
 
 
 def test_deap100_force_control():

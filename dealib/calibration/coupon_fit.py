@@ -164,7 +164,6 @@ def _fitted(plan: CouponPlan, fits: list[Tried], number: int) -> Fitted:
     free = _in_order(best.candidate, start.free, best.found.values)
     found = search(replace(start, free=free))
     values = result.material(plan, best.candidate, found)
-    soft = result.softening(best.candidate, found)
     notes = _notes(plan, replace(best, found=found), fits[1:], number)
     if said := result.complaint(values):
         notes.append(f"A config does not take this material: {said}.")
@@ -175,7 +174,7 @@ def _fitted(plan: CouponPlan, fits: list[Tried], number: int) -> Fitted:
         blind(start),
         notes,
         {"Laws": _table(fits, plan.coupon.method.criterion)},
-        {"material.yaml": result.as_config(plan, values, soft)},
+        {"material.yaml": result.as_config(plan, values)},
         functools.partial(_draw, plan, best.candidate, found),
         result.entry(plan, best.candidate, found, values),
     )

@@ -16,7 +16,7 @@ Values = dict[str, Any]
 
 
 def material(plan: CouponPlan, candidate: Candidate, found: Found) -> Values:
-    """Keys of a material in a config, without softening."""
+    """Keys of a material in a config."""
     wanted, values, unit = plan.coupon.material, found.values, candidate.unit
 
     def quantity(value: float, unit: str = unit) -> str:
@@ -47,6 +47,11 @@ def material(plan: CouponPlan, candidate: Candidate, found: Found) -> Values:
     out["bulk_modulus"] = quantity(bulk, "MPa")
     if branches:
         out["branches"] = branches
+    for e in found.estimates:
+        section, _, name = e.key.partition(".")
+        if section in ("mullins", "permanent_set"):
+            text = quantity(e.value, e.unit) if e.unit else float(f"{e.value:.6g}")
+            out.setdefault(section, {})[name] = text
     permittivity = plan.coupon.model_dump()["material"]["relative_permittivity"]
     return out if permittivity is None else {**out, "relative_permittivity": permittivity}
 
@@ -61,23 +66,9 @@ def complaint(values: Values) -> str:
     return ""
 
 
-def softening(candidate: Candidate, found: Found) -> list[str]:
-    """What a device does not know yet, in words."""
-    return [
-        f"{e.key}: {e.value:.6g} {e.unit}".strip()
-        for e in found.estimates
-        if e.key.startswith(("mullins", "permanent_set"))
-    ]
-
-
-def as_config(plan: CouponPlan, values: Values, soft: list[str]) -> str:
+def as_config(plan: CouponPlan, values: Values) -> str:
     """A section that a config takes."""
     head = [f"# Fitted by dealib calibrate to the tests of {plan.source.path.name}."]
-    if soft:
-        head.append(
-            "# The device knows no softening yet; this is the material as it is first loaded."
-        )
-        head += [f"#   {line}" for line in soft]
     if "relative_permittivity" not in values:
         head.append("# A film also needs its relative_permittivity.")
     return "\n".join([*head, yaml_text({"materials": {"film": values}})])
@@ -91,8 +82,6 @@ def entry(plan: CouponPlan, candidate: Candidate, found: Found, values: Values) 
     ]
     source = f"fitted by dealib calibrate to {plan.source.path.name}: "
     source += ", ".join(dict.fromkeys(ranges))
-    soft = softening(candidate, found)
-    source += f"; besides, {', '.join(soft)}" if soft else ""
     return {
         "description": plan.coupon.description or candidate.label,
         "source": source,

@@ -215,6 +215,12 @@ def second_device(config: Any, film: SecondFilm) -> Any:
             "a second film answers at once: set materials.film.branches (and those of the "
             "electrode) to [], which leaves its long-run stiffness",
         )
+    soft = ("mullins", "permanent_set")
+    if any(isinstance(part, dict) and part.get(key) for part in materials for key in soft):
+        raise ValueAt(
+            ("set",),
+            "a second film remembers nothing: set materials.film.mullins and permanent_set to null",
+        )
     try:
         return type(config).model_validate(tree)
     except ValidationError as error:

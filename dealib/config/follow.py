@@ -116,9 +116,9 @@ def check_branches(config: Any) -> None:
         if config.physics.coupling != "energy":
             raise ValueAt(("physics", "coupling"), "branches are followed with energy only")
         for material, law in config.solids.items():
-            if law.branches:
+            if law.memory:
                 raise ValueAt(
-                    ("materials", material, "branches"),
+                    ("materials", material, law.memory[0]),
                     "a stage with follow runs along equilibria, out of time; take these out for it",
                 )
         vary, along = stage.follow.pair

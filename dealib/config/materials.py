@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 from pydantic import BaseModel, BeforeValidator, Field, create_model
 
 from dealib.errors import ValueAt, did_you_mean
-from dealib.materials.branches import Viscoelastic
+from dealib.materials.branches import Inelastic
 from dealib.materials.laws import LAWS, Law, invariants_of_stretches
 from dealib.materials.permittivity import RelativePermittivity, StretchPermittivity
 from dealib.materials.prestretch import thickness_range
@@ -113,12 +113,12 @@ def _choice(bases: tuple[type[BaseModel], ...], suffix: str) -> Any:
 
 if TYPE_CHECKING:
 
-    class Material(Law, Viscoelastic, Properties):
+    class Material(Law, Inelastic, Properties):
         """A law and further properties."""
 
         law: str
 else:
-    Material = _choice((Viscoelastic, Properties), "Material")
+    Material = _choice((Inelastic, Properties), "Material")
 
 
 def _or_named(node: dict[str, Any]) -> None:

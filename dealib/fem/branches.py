@@ -1,4 +1,4 @@
-"""Maxwell branches as energies: their potential over a time step.
+"""Networks beside a law as energies: the potentials of Maxwell branches over a time step.
 
 A time step of a branch ends at C_i = unimodular(H + w C), H and w fixed at its start
 (`evolution.Multiplicative`). It is the minimum over unimodular C_i of G/2 tr((C + H/w) C_i^-1),
@@ -7,7 +7,9 @@ A time step of a branch ends at C_i = unimodular(H + w C), H and w fixed at its 
 
 Its derivative in C is G/2 C_i^-1, the branch's stress. A transient network ends at
 C_i^-1 = H + w C^-1, where the term in C^-1 is a pressure: its potential is G/2 tr(H C). So one
-potential stands behind each step, no unknown is added, and the tangent is symmetric.
+potential stands behind each step, no unknown is added, and the tangent is symmetric. Of the network
+of a permanent set, whose clock is the law's energy, H is C_i^-1 at the state that the residual is
+taken at; what it changes with that state is left out of the tangent.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from dolfinx import fem
 
 from dealib.fem import compat
 from dealib.fem.energies import Energy, Hyperelastic, Point, Scalars, constant
-from dealib.materials.branches import Branch
+from dealib.materials.branches import Network
 from dealib.materials.evolution import INDICES
 
 
@@ -41,8 +43,8 @@ def step_terms(mesh: Any, degree: int, branches: int, size: int) -> Any:
 
 
 @dataclass(frozen=True)
-class MaxwellBranch:
-    """The potential of one branch over a time step.
+class NetworkStep:
+    """The potential of one network over a step.
 
     Attributes:
         solid: The solid that it belongs to.
@@ -101,12 +103,14 @@ def _mixed(A: Any, B: Any) -> Any:
     return ufl.inner(square - trace * A, B) + (trace**2 - ufl.tr(square)) / 2 * ufl.tr(B)
 
 
-def maxwell_branches(
-    solid: Hyperelastic, branches: tuple[Branch, ...], terms: Any, size: int, first: int = 0
+def network_steps(
+    solid: Hyperelastic, networks: tuple[Network, ...], terms: Any, size: int, first: int = 0
 ) -> list[Energy]:
-    """The potentials of a solid's branches, which are those from a first one in the terms."""
+    """The potentials of a solid's networks, which are those from a first one in the terms."""
+    if not networks:
+        return []
     mesh = terms.function_space.mesh
     return [
-        MaxwellBranch(solid, constant(mesh, b.shear_modulus), b.evolution, terms, first + i, size)
-        for i, b in enumerate(branches)
+        NetworkStep(solid, constant(mesh, n.shear_modulus), n.evolution, terms, first + i, size)
+        for i, n in enumerate(networks)
     ]

@@ -20,6 +20,7 @@ import ufl
 from dolfinx import fem
 
 from dealib.materials.laws import Invariants, Law
+from dealib.materials.softening import withheld
 
 Scalars = tuple[Any, ...]
 
@@ -132,12 +133,16 @@ class Hyperelastic:
         law: The law.
         parameters: Its parameters, as constants.
         prestretch: Stretches of F_p along the components, as a constant; None for none.
+        mullins: Parameters of its softening, as constants; None for none.
+        peak: Largest energy density so far, at the quadrature points; None without softening.
     """
 
     on: str
     law: Law
     parameters: SimpleNamespace
     prestretch: Any = None
+    mullins: SimpleNamespace | None = None
+    peak: Any = None
 
     def scalars(self, point: Point) -> Scalars:
         """See `Energy`."""
@@ -145,7 +150,15 @@ class Hyperelastic:
 
     def of(self, *scalars: Any) -> Any:
         """See `Energy`."""
-        return self.law.energy(isochoric(*scalars), self.parameters) / self.volume
+        i = isochoric(*scalars)
+        return (self.law.energy(i, self.parameters) - self.withheld(i)) / self.volume
+
+    def withheld(self, i: Invariants) -> Any:
+        """What softening takes off the energy per unstretched volume; 0 without."""
+        if self.mullins is None:
+            return 0
+        W = self.law.isochoric_energy(i, self.parameters)
+        return withheld(W, self.peak, self.mullins)
 
     def extension(self, point: Point) -> Any:
         """Share of the law's extensibility that is used (see `Law.extension`)."""
@@ -191,7 +204,7 @@ class MixedHyperelastic:
     def of(self, p: Any, *scalars: Any) -> Any:
         """See `Energy`."""
         i, of = isochoric(*scalars), self.solid.parameters
-        shape = self.solid.law.isochoric_energy(i, of)
+        shape = self.solid.law.isochoric_energy(i, of) - self.solid.withheld(i)
         return (shape + p * (i.J - 1) - p**2 / (2 * of.bulk_modulus)) / self.solid.volume
 
 

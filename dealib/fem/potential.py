@@ -55,8 +55,10 @@ class Problem:
         mesh_motion: Fictitious energies that only move the air's mesh.
         coupling: How the electric field loads the body.
         locking: Constant: the share of a law's extensibility that `locked` asks for.
-        branches: Potentials of the Maxwell branches over a time step.
+        branches: Potentials of the networks beside the laws over a step.
         terms: What they depend on besides the deformation (`Viscosity` sets it); None without.
+        peaks: Largest energies so far, for laws that soften (likewise); None without.
+        reform: Brings networks whose clock is no time to the current state (likewise).
         sheet: Energies of a sheet; None for solids.
     """
 
@@ -74,6 +76,8 @@ class Problem:
     locking: Any
     branches: list[Energy] = field(default_factory=list)
     terms: Any = None
+    peaks: Any = None
+    reform: Callable[[], None] | None = None
     sheet: SheetModel | None = None
     _forms: dict[str, Any] = field(default_factory=dict)
 
@@ -317,7 +321,11 @@ class Problem:
         return elastic, electric, elastic + electric + branches
 
     def settle(self) -> None:
-        """Bring what a sheet has inside to where it belongs at the current state."""
+        """Bring what lies inside, in sheets and networks, to where it belongs at this state."""
+        if self.reform is not None:
+            if self.sheet is not None:
+                self.sheet.settle()
+            self.reform()
         if self.sheet is not None:
             self.sheet.settle()
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from mpi4py import MPI
 
 import ufl
+from dolfinx import fem
 
 from dealib.config.schema import Config
 from dealib.device.records import CHAMBER, TERMINAL, Region
-from dealib.fem.branches import maxwell_branches, step_terms
+from dealib.fem import compat
+from dealib.fem.branches import network_steps, step_terms
 from dealib.fem.chambers import chamber_energies
 from dealib.fem.constraints import build
 from dealib.fem.couplings import COUPLINGS
@@ -57,11 +61,16 @@ def problem_on(domain: Domain, config: Config) -> Problem:
     device, mesh = domain.device, domain.mesh
     sheet = device.kinematics.sheet
     groups = (sheet_groups if sheet else solid_groups)(config, domain)
-    count = max(len(m.branches) for m in config.solids.values())
+    degree = quadrature_degree(spaces.order)
+    count = max(len(m.networks) for m in config.solids.values())
     slots = 1 + max(group.slot for group in groups)
     terms, size = None, device.kinematics.packed
+    peaks: Any = None
     if count:
-        terms = step_terms(mesh, quadrature_degree(spaces.order), count * slots, size)
+        terms = step_terms(mesh, degree, count * slots, size)
+    if any(m.mullins for m in config.solids.values()):
+        element = compat.quadrature_element(mesh, degree, slots)
+        peaks = fem.Function(compat.functionspace(mesh, element), name="peaks")
     elastic: list[Energy] = []
     electric: list[Energy] = []
     motion: list[Energy] = []
@@ -76,13 +85,14 @@ def problem_on(domain: Domain, config: Config) -> Problem:
                 motion.append(MeshElasticity(group.name, stiffness))
             continue
         part = Hyperelastic(group.name, material, parameters(mesh, material), group.prestretch)
-        if material.branches:
-            first = group.slot * count
-            branches += maxwell_branches(part, material.branches, terms, size, first)
+        if material.mullins is not None:
+            constants = {k: constant(mesh, v) for k, v in material.mullins}
+            peak = peaks[group.slot]
+            part = replace(part, mullins=SimpleNamespace(**constants), peak=peak)
+        branches += network_steps(part, material.networks, terms, size, group.slot * count)
         elastic.append(MixedHyperelastic(part, ufl.split(spaces.w)[2]) if mixed else part)
         if not config.conducts(group.material):
             electric.append(_dielectric(mesh, group, material))
-    degree = quadrature_degree(spaces.order)
     free = (*device.of(CHAMBER), *(device.of(TERMINAL) if sheet else ()))
     values = {port.name: ufl.variable(constant(mesh, 0.0)) for port in free}
     if sheet:
@@ -107,6 +117,7 @@ def problem_on(domain: Domain, config: Config) -> Problem:
         locking=constant(mesh, 1.0),
         branches=branches,
         terms=terms,
+        peaks=peaks,
     )
     if sheet:
         volts = {port.name: values[port.name] for port in device.of(TERMINAL)}

@@ -1,4 +1,4 @@
-"""Maxwell branches beside a hyperelastic law: their parameters.
+"""What gives a hyperelastic law a memory: the parameters of Maxwell branches, and softening.
 
 A branch stores G/2 (tr(C C_i^-1) - 3), where C is the isochoric part of F^T F and C_i the metric
 that it would relax to (`dealib.materials.evolution` says how).
@@ -10,6 +10,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from dealib.materials.softening import Mullins, PermanentSet
 from dealib.units import Stress, Time
 
 
@@ -27,7 +28,10 @@ class Branch(BaseModel):
     )
 
 
-class Viscoelastic(BaseModel):
+Network = Branch | PermanentSet
+
+
+class Inelastic(BaseModel):
     """What a law gets besides its own parameters."""
 
     branches: tuple[Branch, ...] = Field(
@@ -35,3 +39,24 @@ class Viscoelastic(BaseModel):
         max_length=30,
         description="Maxwell branches beside the law, which alone is left in the long run",
     )
+    mullins: Mullins | None = Field(
+        None, description="softening of the law below the largest energy so far"
+    )
+    permanent_set: PermanentSet | None = Field(
+        None, description="a second network that re-forms in the stretched state"
+    )
+
+    @property
+    def networks(self) -> tuple[Network, ...]:
+        """All that is strained from a state of its own: the branches, and the second network."""
+        return self.branches if self.permanent_set is None else (*self.branches, self.permanent_set)
+
+    @property
+    def softens(self) -> bool:
+        """Whether it knows the largest energy so far."""
+        return self.mullins is not None or self.permanent_set is not None
+
+    @property
+    def memory(self) -> tuple[str, ...]:
+        """The keys that make its stress depend on what came before."""
+        return tuple(key for key in Inelastic.model_fields if getattr(self, key))

@@ -81,13 +81,13 @@ class Evolution(Protocol):
     whatever its length.
     """
 
-    def step(self, C: Array, internal: Array, ratio: float) -> tuple[Array, Array]:
+    def step(self, C: Array, internal: Array, ratio: float | Array) -> tuple[Array, Array]:
         """What a time step takes from its start: history, as C, and weight, (...).
 
         Args:
             C: Isochoric metric at the start, packed.
             internal: C_i at the start.
-            ratio: Time step over relaxation time.
+            ratio: Time step over relaxation time, a number or (...).
         """
 
     def end(self, history: Array, weight: Array, C: Array) -> Array:
@@ -106,7 +106,8 @@ class Evolution(Protocol):
 def weights(k: Array) -> tuple[Array, Array, Array]:
     """Decay over a step of k relaxation times, and the weights of a load at its start and end."""
     decay = np.exp(-k)
-    mean = -np.expm1(-k) / k  # of the decay over the step
+    with np.errstate(invalid="ignore"):
+        mean = -np.expm1(-k) / k  # of the decay over the step
     old, new, small = mean - decay, 1 - mean, k < 1e-4
     if small.any():  # differences of nearly equal numbers
         old = np.where(small, k / 2 - k**2 / 3 + k**3 / 8, old)
@@ -123,7 +124,7 @@ class Multiplicative:
     (1 + ratio l) C_i(n+1) = C_i(n) + ratio C(n+1), where det C_i = 1 again gives the factor.
     """
 
-    def step(self, C: Array, internal: Array, ratio: float) -> tuple[Array, Array]:
+    def step(self, C: Array, internal: Array, ratio: float | Array) -> tuple[Array, Array]:
         """See `Evolution`."""
         rate = contract(C, inverted(internal)) / 3
         decay, old, new = weights(rate * ratio)
@@ -154,7 +155,7 @@ class Network:
     Linder, Tkachuk and Miehe, J. Mech. Phys. Solids 59 (2011) 2134. The history is one of C_i^-1.
     """
 
-    def step(self, C: Array, internal: Array, ratio: float) -> tuple[Array, Array]:
+    def step(self, C: Array, internal: Array, ratio: float | Array) -> tuple[Array, Array]:
         """See `Evolution`."""
         decay, old, new = weights(np.full(C.shape[:-1], ratio))
         history = decay[..., None] * inverted(internal) + old[..., None] * inverted(C)

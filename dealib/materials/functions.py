@@ -33,6 +33,24 @@ def erf(x: Any) -> Any:
     return erf(x)
 
 
+def exp(x: Any) -> Any:
+    """Exponential of a UFL expression or of numbers."""
+    if hasattr(x, "ufl_shape"):
+        import ufl
+
+        return ufl.exp(x)
+    return np.exp(x)
+
+
+def positive(x: Any) -> Any:
+    """The larger one of 0 and a UFL expression or real numbers."""
+    if hasattr(x, "ufl_shape"):
+        import ufl
+
+        return ufl.conditional(ufl.gt(x, 0.0), x, 0.0)
+    return np.maximum(x, 0.0)
+
+
 NEAR, TERMS = 0.05, 12  # the series is used up to x = 1 + NEAR; there it is exact to rounding
 
 

@@ -6,13 +6,19 @@ point. Softening scales the law's stress; set is a second network whose chains r
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar, Literal
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
-from dealib.materials.functions import erf
+from dealib.materials.evolution import EVOLUTIONS, inverted, unimodular
+from dealib.materials.functions import erf, exp, positive
+from dealib.materials.law import Invariants, Law
 from dealib.units import Stress
+
+Array = npt.NDArray[np.float64]
+_PIECES = 16  # of the path between two states
 
 
 class Mullins(BaseModel):
@@ -36,6 +42,8 @@ class PermanentSet(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+    evolution: ClassVar[Literal["network"]] = "network"
+
     shear_modulus: Stress = Field(gt=0, description="of the network that re-forms")
     energy: Stress = Field(gt=0, description="growth of W_max in which it re-forms (mJ/mm3)")
 
@@ -44,14 +52,60 @@ def softening(W: Any, W_max: Any, p: Any) -> Any:
     """Factor eta on the law's stress.
 
     Args:
-        W: Energy density of the law: a UFL expression, or numbers.
-        W_max: Its largest value so far, at least W.
+        W: Energy density of the law without its volumetric part.
+        W_max: Its largest value so far; where W is above it, it is W.
         p: Parameters r and m.
     """
-    return 1 - erf((W_max - W) / p.m) / p.r
+    return 1 - erf(positive(W_max - W) / p.m) / p.r
 
 
-def dissipated(W_max: Any, p: Any) -> Any:
-    """Energy density lost to softening since the virgin state: the integral of 1 - eta over W."""
-    x = W_max / p.m
-    return p.m / p.r * (x * erf(x) - (1 - np.exp(-(x**2))) / np.sqrt(np.pi))
+def withheld(W: Any, W_max: Any, p: Any) -> Any:
+    """What softening takes off the law's energy density: W less the integral of eta over W.
+
+    UFL expressions or numbers, as for `softening`. At W = W_max it is what is dissipated since the
+    virgin state.
+    """
+    return p.m / p.r * (_integral(W_max / p.m) - _integral(positive(W_max - W) / p.m))
+
+
+def _integral(x: Any) -> Any:
+    """Of the error function."""
+    return x * erf(x) + exp(-(x**2)) / np.pi**0.5
+
+
+def energy(law: Law, C: Array) -> Array:
+    """Energy density of a law without its volumetric part, MPa.
+
+    Args:
+        law: The law.
+        C: Isochoric metric, packed (see `materials.evolution`), (..., components).
+    """
+    i = Invariants(C[..., :3].sum(-1), inverted(C)[..., :3].sum(-1), 1.0, C[..., 2])
+    if C.shape[-1] > 4 and C[..., 4:].any():  # then it is no principal direction
+        i = Invariants(i.I1, i.I2, 1.0, None)
+    return np.asarray(law.isochoric_energy(i, law.values)) + np.zeros(C.shape[:-1])
+
+
+def path(
+    law: Law, given: PermanentSet | None, start: Array, end: Array, inner: Array, peak: Array
+) -> tuple[Array, Array]:
+    """W_max and C_i of the second network after a straight way from one state to another.
+
+    Args:
+        law: The law, whose energy is the clock.
+        given: The second network; None without.
+        start: Isochoric metric at the start, packed, (..., components).
+        end: The same at the end.
+        inner: C_i at the start.
+        peak: W_max at the start, (...).
+    """
+    pieces = _PIECES if given is not None else 1
+    before = start
+    for share in np.arange(1, pieces + 1) / pieces:
+        C = unimodular(start + share * (end - start))
+        W = np.maximum(peak, energy(law, C))
+        if given is not None:
+            rule = EVOLUTIONS[given.evolution]
+            inner = rule.end(*rule.step(before, inner, (W - peak) / given.energy), C)
+        before, peak = C, W
+    return peak, inner

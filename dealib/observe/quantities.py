@@ -117,6 +117,10 @@ _BRANCHES = Need(
     "Maxwell branches, such as materials.film.branches",
     lambda c: any(law.branches for law in c.solids.values()),
 )
+_MEMORY = Need(
+    "a material with branches, mullins or permanent_set",
+    lambda c: any(law.memory for law in c.solids.values()),
+)
 _TENSION_FIELD = Need(
     "physics.wrinkling: tension_field", lambda c: c.physics.wrinkling == "tension_field"
 )
@@ -243,7 +247,7 @@ QUANTITIES: tuple[Quantity, ...] = (
     ),
     Q("electrode_resistance_kohm", "kohm", "electrode resistance", _resistance, _RESISTANCE),
     Q("rc_time_us", "us", "charging time constant", _time_constant, _RESISTANCE),
-    Q("dissipated_energy_mJ", "mJ", "dissipated energy", _dissipated, _BRANCHES),
+    Q("dissipated_energy_mJ", "mJ", "dissipated energy", _dissipated, _MEMORY),
     Q("dissipated_power_mW", "mW", "dissipated power", _power, _BRANCHES),
     *(
         Q(f"{kind.name}_work_mJ", "mJ", f"work of the {kind.name}", kind=kind)

@@ -52,7 +52,8 @@ class Engine:
         self.problem = build_problem(config, comm, mesh_file)
         self.layout = Layout.of(self.problem)
         self.timings["mesh"] += time.perf_counter() - start
-        self.viscosity = Viscosity(self.problem, self.layout) if self.problem.branches else None
+        remembers = any(m.memory for m in config.solids.values())
+        self.viscosity = Viscosity(self.problem, self.layout) if remembers else None
         pairs = [s.follow.pair for s in config.program if s.follow is not None]
         crossed = any(partner(vary) != along for vary, along in pairs)
         self.newton = Newton(self.problem, self.timings, symmetric=not crossed)

@@ -19,7 +19,7 @@ def check_device(runs: Sequence[Run]) -> None:
     """See that runs are of one device whose state depends on displacement and voltage alone.
 
     Raises:
-        ConfigError: If devices differ, with the keys, or a material has Maxwell branches.
+        ConfigError: If devices differ, with the keys, or a material has a memory.
     """
     first, *others = devices = [dict(_values("", _device(run.config))) for run in runs]
     for run, device in zip(runs[1:], others, strict=True):
@@ -31,10 +31,11 @@ def check_device(runs: Sequence[Run]) -> None:
                 f"no map: {runs[0].directory} and {run.directory} differ in {', '.join(told)}"
             )
     for key in devices[0]:
-        if key.endswith(".branches.0.shear_modulus"):
+        if key.endswith((".branches.0.shear_modulus", ".mullins.r", ".permanent_set.energy")):
+            key = key.removesuffix(".0.shear_modulus").removesuffix(".r").removesuffix(".energy")
             raise ConfigError(
-                f"{runs[0].directory}: no map: {key.removesuffix('.0.shear_modulus')} make the "
-                "capacitance depend on what came before; run it without them"
+                f"{runs[0].directory}: no map: {key} make the capacitance depend on what came "
+                "before; run it without them"
             )
 
 

@@ -29,7 +29,7 @@ class Fields:
     """
 
     def __init__(self, config: Config, mesh: ResultMesh) -> None:
-        viscous, kinematics = local.branch_cells(config, mesh), config.device.kinematics
+        viscous, kinematics = local.cells_with_memory(config, mesh), config.device.kinematics
         self._mesh, self._axes = mesh, kinematics.dim
         self._wrinkles = config.physics.wrinkling == "tension_field"
         self._parts = [
@@ -50,8 +50,8 @@ class Fields:
 
         Args:
             state: Nodal u by axis and phi, and p in the mixed form, shape (nodes, columns).
-            internal: C_i of Maxwell branches at the Gauss points of `local.branch_cells`, (cells,
-                points, branches, 4).
+            internal: What materials remember at the Gauss points of `local.cells_with_memory`,
+                packed, (cells, points, entries, 4).
 
         Returns:
             u (mm) and phi (kV); E (kV/mm) and D (uC/mm^2) in the deformed body; cauchy_stress and
@@ -84,7 +84,7 @@ class Fields:
     def _of(self, part: _Part, nodal: Array, internal: Array | None) -> dict[str, Array]:
         """Values at the nodes of each cell of one material."""
         material = part.material
-        mine = internal[part.viscous] if internal is not None and material.branches else None
+        mine = internal[part.viscous] if internal is not None and material.remembers else None
         k = part.points.deformation(nodal, mine)
         found = {"J": self._at_nodes(k.J)}
         if self._wrinkles and (crests := part.points.crests(nodal)):

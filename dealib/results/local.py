@@ -5,7 +5,9 @@ Tensors have the components of the device's kinematics.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,8 +15,9 @@ import numpy as np
 from dealib.config.schema import Config
 from dealib.device.kinematics import Kinematics, SheetKinematics
 from dealib.materials import Invariants, Law, thickness_stretch
-from dealib.materials.branches import Branch
+from dealib.materials.branches import Branch, Network
 from dealib.materials.evolution import inverted, unpack
+from dealib.materials.softening import Mullins, softening
 from dealib.materials.wrinkling import crests, extended
 from dealib.results.elements import Array, Cell, determinant, gradients, inverse
 from dealib.results.mesh import ResultMesh
@@ -39,7 +42,11 @@ class Deformation:
 
 
 def second_pk(
-    law: Law, F: Array, prestretch: Array | None = None, pressure: Array | None = None
+    law: Law,
+    F: Array,
+    prestretch: Array | None = None,
+    pressure: Array | None = None,
+    soften: Callable[[Array], Array] | None = None,
 ) -> Array:
     """Elastic second Piola-Kirchhoff stress per mesh area, S = 2 dW/dC, shape of F.
 
@@ -49,6 +56,7 @@ def second_pk(
         prestretch: Stretches before the mesh along the components; None for none.
         pressure: The mixed form's p, of shape F.shape[:-2], in place of the law's dW/dJ, which
             near incompressibility is rounding error times the bulk modulus.
+        soften: Factor on all but that, from the energy density without its volumetric part.
     """
     P = np.ones(3) if prestretch is None else np.asarray(prestretch)
     total = F * P
@@ -61,6 +69,9 @@ def second_pk(
     known = not (C[..., 0, 2].any() or C[..., 1, 2].any())  # it is a principal direction
     i = Invariants(q * trace, q * q * second, J, q * hoop if known else None)
     d = _derivatives(law, i)
+    if soften is not None:
+        eta = soften(law.isochoric_energy(i, law.values))
+        d = Invariants(eta * d.I1, eta * d.I2, d.J, eta * d.hoop)
     # S = unit 1 + inner C^-1 - bend C, and what the last direction adds
     unit, bend, along = 2 * q * d.I1, 2 * q * q * d.I2, 2 * q * d.hoop
     inner = (d.J if pressure is None else pressure) * J
@@ -72,15 +83,15 @@ def second_pk(
     return np.asarray(S * (P[:, None] * P / P.prod()))
 
 
-def branches_pk(
-    branches: tuple[Branch, ...], F: Array, internal: Array, prestretch: Array | None = None
+def networks_pk(
+    networks: tuple[Network, ...], F: Array, internal: Array, prestretch: Array | None = None
 ) -> Array:
-    """What Maxwell branches add to the second Piola-Kirchhoff stress per mesh area, shape of F.
+    """What networks add to the second Piola-Kirchhoff stress per mesh area, shape of F.
 
     Args:
-        branches: The branches.
+        networks: The networks.
         F: Deformation gradient from the mesh, (..., 3, 3).
-        internal: Their C_i, packed (see `materials.evolution`), (..., branches, 4).
+        internal: Their C_i, packed (see `materials.evolution`), (..., entries, 4).
         prestretch: As for `second_pk`.
     """
     P = np.ones(3) if prestretch is None else np.asarray(prestretch)
@@ -88,16 +99,16 @@ def branches_pk(
     C = np.swapaxes(total, -1, -2) @ total
     C_inverse, S = inverse(C), np.zeros_like(C)
     scale = determinant(total)[..., None, None] ** (-2 / 3)
-    for k, branch in enumerate(branches):
+    for k, network in enumerate(networks):
         inner = unpack(inverted(internal[..., k, :]))
         trace = np.einsum("...ij,...ij", C, inner)[..., None, None]
-        S += branch.shear_modulus * scale * (inner - trace / 3 * C_inverse)
+        S += network.shear_modulus * scale * (inner - trace / 3 * C_inverse)
     return np.asarray(S * (P[:, None] * P / P.prod()))
 
 
-def branch_cells(config: Config, mesh: ResultMesh) -> Any:
-    """Indices of the cells that have Maxwell branches."""
-    return mesh.in_region(*(n for n, m in region_materials(config).items() if m.branches))
+def cells_with_memory(config: Config, mesh: ResultMesh) -> Any:
+    """Indices of the cells whose stress depends on what came before."""
+    return mesh.in_region(*(n for n, m in region_materials(config).items() if m.remembers))
 
 
 def _derivatives(law: Law, i: Invariants) -> Invariants:
@@ -171,7 +182,8 @@ class RegionMaterial:
         permittivity: eps in N/kV^2; 0 for a conductor.
         prestretch: Stretches of the mounted state along the components, or None.
         slope: Change of eps a unit of area stretch, N/kV^2.
-        branches: Its Maxwell branches.
+        networks: Its Maxwell branches, and the network of a permanent set.
+        mullins: Its softening.
         normal: Component across the layer.
         thickness: Of a sheet's layer as mounted, mm; 0 for a solid.
     """
@@ -180,9 +192,20 @@ class RegionMaterial:
     permittivity: float
     prestretch: Array | None = None
     slope: float = 0.0
-    branches: tuple[Branch, ...] = ()
+    networks: tuple[Network, ...] = ()
+    mullins: Mullins | None = None
     normal: int = 1
     thickness: float = 0.0
+
+    @property
+    def branches(self) -> tuple[Branch, ...]:
+        """Its Maxwell branches."""
+        return tuple(n for n in self.networks if isinstance(n, Branch))
+
+    @property
+    def remembers(self) -> bool:
+        """Whether its stress depends on what came before."""
+        return bool(self.networks) or self.mullins is not None
 
     @property
     def plane(self) -> tuple[int, int]:
@@ -229,18 +252,21 @@ class RegionMaterial:
     def elastic_stress(
         self, k: Deformation, pressure: Array | None, internal: Array | None
     ) -> Array:
-        """Second Piola-Kirchhoff stress of law and branches per mesh area.
+        """Second Piola-Kirchhoff stress of law and networks per mesh area.
 
         Args:
             k: Deformation.
             pressure: The mixed form's p.
-            internal: C_i of Maxwell branches, (..., branches, 4), if it has some.
+            internal: What it remembers, packed (see `Viscosity.gather`), (..., entries, 4).
         """
         assert self.law is not None
-        S = second_pk(self.law, k.F, self.prestretch, pressure)
-        if self.branches and internal is not None:
-            S = S + branches_pk(self.branches, k.F, internal, self.prestretch)
-        return S
+        if internal is None:
+            return second_pk(self.law, k.F, self.prestretch, pressure)
+        soften = None
+        if self.mullins is not None:
+            soften = partial(softening, W_max=internal[..., len(self.networks), 0], p=self.mullins)
+        S = second_pk(self.law, k.F, self.prestretch, pressure, soften)
+        return S + networks_pk(self.networks, k.F, internal, self.prestretch)
 
 
 @dataclass(frozen=True)
@@ -281,22 +307,31 @@ class Points:
         Args:
             nodal: Displacements by axis and potential; of sheets the voltage across the layer, and
                 the excess metric of a tension field.
-            internal: C_i of Maxwell branches of a sheet, (cells, points, branches, 4).
+            internal: What a sheet remembers, packed, (cells, points, entries, 4).
         """
         k, n = self.kinematics, self.kinematics.dim
-        u = nodal[..., :n]
+        F = self.gradient(nodal)
         if isinstance(k, SheetKinematics):
-            F = k.sheet_deformation(u, self.N, self.dN, self.position)
-            if (excess := self._excess(nodal)) is not None:
-                F = extended(F, excess, self.material.plane)
             E = np.zeros(F.shape[:-1])
             E[..., k.normal] = nodal[..., :1, n] / self.material.thickness
             F[..., k.normal] *= thickness_stretches(self.material, F, E, internal)[..., None]
         else:
-            F = k.deformation(u, self.N, self.dN, self.position)
             E = k.field(nodal[..., n], self.dN)
         inner = inverse(F)
         return Deformation(F, determinant(F), inner, np.einsum("...ji,...j", inner, E))
+
+    def gradient(self, nodal: Array, across: Array | None = None) -> Array:
+        """Deformation gradients, of sheets with a stretch across, or 1, (cells, points)."""
+        k = self.kinematics
+        u = nodal[..., : k.dim]
+        if not isinstance(k, SheetKinematics):
+            return np.asarray(k.deformation(u, self.N, self.dN, self.position))
+        F = k.sheet_deformation(u, self.N, self.dN, self.position)
+        if (excess := self._excess(nodal)) is not None:
+            F = extended(F, excess, self.material.plane)
+        if across is not None:
+            F[..., k.normal] *= across[..., None]
+        return np.asarray(F)
 
     def _excess(self, nodal: Array) -> Array | None:
         first = self.kinematics.dim + 1
@@ -330,7 +365,7 @@ def thickness_stretches(
         material: The layer's.
         F: Deformation gradient, its column across the layer being the unit normal.
         E: Nominal field, across.
-        internal: C_i of Maxwell branches.
+        internal: What it remembers, packed.
     """
     normal = material.normal
     square = E[..., normal] ** 2
@@ -394,7 +429,9 @@ def _material(
         a, b = material.prestretch
         mounted = np.insert(np.array([a, b]), normal, thickness_stretch(material, a, b))
     intercept, slope = (0.0, 0.0) if conducts else _permittivity(material)
-    return RegionMaterial(material, intercept, mounted, slope, material.branches, normal)
+    return RegionMaterial(
+        *(material, intercept, mounted, slope, material.networks, material.mullins, normal)
+    )
 
 
 def _permittivity(material: Any) -> tuple[float, float]:

@@ -88,7 +88,7 @@ class Film:
         Args:
             k: Deformation and field.
             pressure: The mixed form's p, (...).
-            internal: C_i of its Maxwell branches, (..., branches, 4), if it has some.
+            internal: What it remembers, packed, (..., entries, 4).
         """
         m = self.material
         S = m.elastic_stress(k, pressure, internal)
@@ -173,7 +173,7 @@ def _mounted_tension(material: local.RegionMaterial, fresh: tuple[Branch, ...]) 
     def stress(across: float) -> Array:
         F = np.diag(np.insert(np.ones(2), material.normal, across))
         S = local.second_pk(law, F, material.prestretch)
-        S = S + local.branches_pk(fresh, F, internal, material.prestretch)
+        S = S + local.networks_pk(fresh, F, internal, material.prestretch)
         return np.diag(local.cauchy(F, S))
 
     def free(across: float) -> float:
@@ -221,7 +221,7 @@ def fields(
         internal: As for `dealib.results.fields`.
     """
     out: dict[str, Array] = {}
-    viscous = local.branch_cells(config, mesh)
+    viscous = local.cells_with_memory(config, mesh)
     for material, regions in local.film_groups(config).values():
         cells = mesh.in_region(*regions)
         frame = None
@@ -233,7 +233,7 @@ def fields(
         kinematics, cell = config.device.kinematics, mesh.cell
         points = local.Points.of(kinematics, material, cell, nodes, cell.gauss)
         mine = None
-        if internal is not None and material.branches:
+        if internal is not None and material.remembers:
             mine = internal[np.searchsorted(viscous, cells)]
         k = points.deformation(nodal, mine)
         tensions = film.tensions(k, points.pressure(nodal), mine)
