@@ -104,11 +104,14 @@ _JIT = "jit_params" if LEGACY else "jit_options"
 
 
 def cache_folder() -> Path:
-    """Where dealib's forms are compiled: a folder of its own in dolfinx's cache."""
+    """Where dealib's forms are compiled: a folder for each dolfinx in the cache of all.
+
+    So that programs with different ones do not wait for each other.
+    """
     from dolfinx import jit
 
     known = jit.get_parameters() if LEGACY else jit.get_options()
-    return Path(str(known["cache_dir"])).expanduser() / "dealib"
+    return Path(str(known["cache_dir"])).expanduser() / "dealib" / dolfinx.__version__
 
 
 def tabulate(ufl_element: Any, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -176,9 +179,10 @@ def _locked(folder: Path) -> Iterator[None]:
         except OSError:  # some network file systems have no locks
             yield
             return
-        for source in folder.glob("libffcx_*.c"):
-            if not source.with_suffix(".c.cached").exists():
-                source.unlink()
+        names = set(os.listdir(folder))  # at once: a cache holds thousands of files
+        sources = (n for n in names if n.startswith("libffcx_") and n.endswith(".c"))
+        for name in (n for n in sources if f"{n}.cached" not in names):
+            (folder / name).unlink()
         yield
 
 
