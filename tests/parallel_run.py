@@ -28,8 +28,9 @@ class Split:
 
     def start(self, simulation: Simulation) -> None:
         domain, comm = simulation.engine.problem.domain, simulation.comm
-        cells_of = domain.mesh.topology.connectivity(1, 2)
+        cells_of = domain.mesh.topology.connectivity(domain.dim - 1, domain.dim)
         owned = compat.local_cells(domain.mesh)
+        parts = [name for name in PARTS if domain.has(name)]
 
         def mine(name: str) -> int:
             dim, entities = domain.entities(name)
@@ -37,9 +38,9 @@ class Split:
                 return int(np.sum(entities < owned))
             return sum(int(cells_of.links(facet).min() < owned) for facet in entities)
 
-        counts = comm.gather({name: mine(name) for name in PARTS}, root=0)
+        counts = comm.gather({name: mine(name) for name in parts}, root=0)
         if comm.rank == 0:
-            split = {name: [of_rank[name] for of_rank in counts] for name in PARTS}
+            split = {name: [of_rank[name] for of_rank in counts] for name in parts}
             self.path.write_text(json.dumps(split))
 
     def see(self, state: object) -> None:

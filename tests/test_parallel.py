@@ -70,6 +70,25 @@ CASES = {
             " {vary: voltage, along: displacement, until: {displacement: -5.35 mm}}, steps: 6}]",
         },
     ),
+    "thick": (  # by multigrid, with the mount's and the terminal's values unknown
+        "devices/expanding_circle",
+        {
+            "geometry.base": "{kind: rectangle, length: 8 mm, width: 8 mm}",
+            "geometry.space": "3d",
+            "geometry.layers": "[{name: film, thickness: 6 mm}]",
+            "mesh": "{columns: 6, sectors: 2, film_rows: 3, grading: uniform}",
+            "materials.film": "{law: neo_hookean, youngs_modulus: 1 MPa,"
+            " relative_permittivity: 3.0}",
+            "physics.formulation": "displacement",
+            "terminals": "{drive: {on: film.top}, ground: {on: film.bottom, ground: true}}",
+            "mounts": "{plate: {on: film.top, along: Z, free: [X, Y]}}",
+            "holds": "[{on: film.bottom, fix: [X, Y, Z]}]",
+            "probes": None,
+            "solver": "{linear: iterative}",
+            "program": "[{stage: press, mount: {force: -0.5 N}, steps: 2},"
+            " {stage: charge, terminal: {charge: -40 nC}}]",
+        },
+    ),
     "clamps": (
         "benchmark_strip_air",
         {

@@ -13,6 +13,7 @@ from typing import Any
 from ruamel.yaml import YAML
 
 from dealib.config.library import known, of_config, without_library
+from dealib.config.linear import check_linear
 from dealib.config.messages import validate
 from dealib.config.schema import Config
 from dealib.config.size import refuse_too_large
@@ -88,6 +89,7 @@ def load(path: str | Path, set: Mapping[str, Any] | Iterable[str] | None = None)
             geometry = config.geometry.model_copy(update={"file": file})
             config = config.model_copy(update={"geometry": geometry})
             config.check_device()
+        check_linear(config)
         refuse_too_large(config)
     except ValueAt as error:
         raise ConfigError(source.message(error.where, str(error), "key")) from None

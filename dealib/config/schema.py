@@ -117,10 +117,12 @@ class Solver(Section):
     predictor_order: int = Field(
         3, ge=0, le=4, description="highest order of the extrapolation; 0: from the last state"
     )
-    linear: Literal["auto", "lu"] = Field(
+    linear: Literal["auto", "direct", "iterative", "lu"] = Field(
         "auto",
-        description="auto: LDL^T where the tangent is symmetric, with air by blocks; "
-        "lu: LU of the whole tangent, for comparison",
+        description="direct: LDL^T where the tangent is symmetric, with air by blocks; iterative: "
+        "FGMRES with multigrid, for thick solids in three dimensions; auto: iterative above 40,000 "
+        "unknowns if the film is thicker than a tenth of its span, or if the memory is too small "
+        "for direct; lu: LU of the whole tangent, for comparison",
     )
 
 

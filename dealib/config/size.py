@@ -1,7 +1,7 @@
 """How large a run will be, before it begins: unknowns, memory, time and disk.
 
-Straight lines through measurements, from 4,000 to 600,000 unknowns; of solids in three dimensions,
-from 7,000 to 80,000, with the fill-in of their factorisation. Tests hold them to a factor of two.
+Straight lines through measurements, from 4,000 to 600,000 unknowns; the linear solver's memory is
+that of `dealib.config.linear`. Tests hold them to a factor of two.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from dealib.config.linear import choose, machine_memory, not_iterative
 from dealib.config.schema import Config
 from dealib.errors import ConfigError, ValueAt
 
@@ -20,8 +21,6 @@ _UNKNOWNS = {1: 3.2, 2: 11.0}
 _UNKNOWNS_SOLID = {1: 5.3, 2: 37.0}
 _UNKNOWNS_LINE, _UNKNOWNS_SHEET = {1: 2.0, 2: 4.0}, {1: 3.0, 2: 12.0}
 _PER_NODE = 2.4  # unknowns a node of the results
-# bytes: of the program, for each unknown without and with air, and for each^(4/3) of a solid
-_MEMORY, _MEMORY_SOLID = (180e6, 3.3e3, 5.5e3), 400.0
 _SECONDS = 1.5, 2e-5  # to start, and for each unknown and step: three Newton iterations
 _DISK = 205.0  # bytes a node and stored step
 _STEPS = 1_000_000  # most of a run: its history would have 500 MB
@@ -62,15 +61,12 @@ def size(config: Config, unknowns: float | None = None) -> Size:
     """
     if unknowns is None:
         unknowns = _a_cell(config) * _cells(config)
-    start, rest = _MEMORY[0], _MEMORY[1 + (_has_air(config))] * unknowns
-    if _solid(config):
-        rest = _MEMORY_SOLID * unknowns ** (4 / 3)
     steps = _steps(config)
     stored = {"every": steps + 1, "stage": len(config.program), "none": 0}[config.output.fields]
     return Size(
         unknowns,
         steps,
-        start + rest,
+        choose(config, unknowns).memory,
         _SECONDS[0] + _SECONDS[1] * unknowns * (steps + 1),
         _DISK * unknowns / _PER_NODE * (stored + 1) + 500 * steps,
     )
@@ -82,7 +78,7 @@ def refuse_too_large(config: Config) -> None:
     Raises:
         ValueAt: With the estimate, at the key that makes it so large.
     """
-    found, memory = size(config), _machine_memory()
+    found, memory = size(config), machine_memory()
     for where, steps in ((("program",), found.steps), (("tables", "points"), _tables(config))):
         if steps > _STEPS:
             more = steps / (found.steps + 1)
@@ -90,9 +86,11 @@ def refuse_too_large(config: Config) -> None:
             whole = replace(found, steps=steps, seconds=seconds, disk=disk)
             raise ValueAt(where, f"at most {_count(_STEPS)} steps, not {whole}")
     if found.memory > memory:
+        other = config.solver.linear in ("direct", "lu") and not not_iterative(config)
         raise ValueAt(
             ("mesh",),
-            f"{found}; this machine has {_bytes(memory)} of memory: choose a coarser mesh",
+            f"{found}; this machine has {_bytes(memory)} of memory: choose a coarser mesh"
+            + (", or solver.linear: iterative if the body is thick" if other else ""),
         )
 
 
@@ -109,15 +107,6 @@ def refuse_full_disk(config: Config, directory: Path) -> None:
             f"{directory}: {found}; the disk has {_bytes(free)} left: choose output.fields: stage "
             "or none, or another --out"
         )
-
-
-def _has_air(config: Config) -> bool:
-    return any(region.air for region in config.device.regions)
-
-
-def _solid(config: Config) -> bool:
-    space = config.device.kinematics
-    return space.dim == 3 and not space.sheet
 
 
 def _a_cell(config: Config) -> float:
@@ -170,10 +159,6 @@ def _tables(config: Config) -> float:
 
 def _capped(number: int) -> int:
     return min(number, _MOST)
-
-
-def _machine_memory() -> float:
-    return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
 
 
 def _count(number: float) -> str:

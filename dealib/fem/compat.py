@@ -90,6 +90,7 @@ else:
         )
 
 
+HAS_HYPRE = bool(PETSc.Sys.hasExternalPackage("hypre"))  # not every PETSc was built with it
 PETSc.Log.begin()  # here and not later: collective on the world in PETSc 3.22 and newer
 
 _reasons = vars(PETSc.SNES.ConvergedReason)

@@ -1,4 +1,4 @@
-"""The linear solver: direct, by blocks where there is air; and the inertia of the tangent."""
+"""The linear solver, direct or iterative, by blocks where there is air; and the inertia."""
 
 from __future__ import annotations
 
@@ -6,6 +6,10 @@ from typing import Any
 
 from petsc4py import PETSc
 
+from dealib.config.linear import choose, machine_memory
+from dealib.errors import ValueAt
+from dealib.fem.compat import HAS_HYPRE
+from dealib.fem.multigrid import Multigrid
 from dealib.fem.system import System
 
 _MUMPS: dict[str, Any] = {
@@ -24,6 +28,12 @@ _BLOCKS: dict[str, Any] = {
     "pc_type": "fieldsplit",
     "pc_fieldsplit_type": "multiplicative",
 }
+_ITERATIVE: dict[str, Any] = {
+    "ksp_type": "fgmres",
+    "ksp_gmres_restart": 150,
+    "ksp_max_it": 300,
+    "ksp_rtol": 1e-6,
+}
 _FACTORISATION = (  # PETSc's events; the last one takes the blocks out of the tangent
     *("MatLUFactorSym", "MatLUFactorNum", "MatCholFctrSym", "MatCholFctrNum"),
     *("MatSolve", "MatCreateSubMats"),
@@ -36,8 +46,10 @@ _INERTIA_OPTIONS: dict[str, Any] = {
 _PREFIX = "dealib_inertia_"
 
 
-def set_linear_solver(snes: Any, system: System, symmetric: bool) -> None:
-    """LDL^T, or LU if the body's tangent is not symmetric; with air by blocks.
+def set_linear_solver(snes: Any, system: System, symmetric: bool) -> str:
+    """LDL^T, or LU if the body's tangent is not symmetric; with air by blocks; or by iterations.
+
+    Which one is chosen by `dealib.config.linear`.
 
     The air's mesh follows the body, which feels it only through the field in the air. So the
     tangent is nearly block triangular, and a sweep of Gauss-Seidel over the body with the field
@@ -47,18 +59,43 @@ def set_linear_solver(snes: Any, system: System, symmetric: bool) -> None:
     the potential. Such a matrix has an LDL^T in any order of its unknowns (R. J. Vanderbei, SIAM J.
     Optim. 5 (1995) 100), so that pivots need not be sought. The mixed form has no such blocks, and
     branches that are followed lead through unstable states.
+
+    Returns:
+        What it is, for the log.
+
+    Raises:
+        ValueAt: If the memory is too small for a factorisation.
     """
     problem = system.problem
-    whole = problem.config.solver.linear == "lu"
+    config = problem.config
+    choice = choose(config, int(system.q.size), problem.domain.sizes)
+    told = f"about {choice.memory / 1e9:.2g} GB{choice.note and '; ' + choice.note}"
+    if choice.iterative and HAS_HYPRE:
+        multigrid = Multigrid(system)
+        _use(snes, "dealib_iterative_", _ITERATIVE)
+        pc = snes.getKSP().getPC()
+        pc.setType("python")
+        pc.setPythonContext(multigrid)
+        return f"FGMRES with multigrid, {told}"
+    if config.solver.linear == "iterative":
+        raise ValueAt(("solver", "linear"), "this PETSc was built without hypre: choose auto")
+    if choice.memory > machine_memory():  # of an own mesh it is not known before
+        raise ValueAt(
+            ("solver", "linear"),
+            f"{system.q.size:,} unknowns need {told} of memory with a factorisation, and this "
+            f"machine has {machine_memory() / 1e9:.3g} GB: choose a coarser mesh",
+        )
+    whole = config.solver.linear == "lu"
     kind, body = "lu", _MUMPS | {"pc_type": "lu"}
     if symmetric and problem.coupling.symmetric and not whole:
         kind, body = "ldl", _MUMPS | {"pc_type": "cholesky"}
-        followed = any(stage.follow is not None for stage in problem.config.program)
-        if problem.config.physics.formulation == "displacement" and not followed:
+        followed = any(stage.follow is not None for stage in config.program)
+        if config.physics.formulation == "displacement" and not followed:
             kind, body = "definite", body | _DEFINITE
+    name = {"lu": "LU"}.get(kind, "LDL^T")
     if whole or not problem.mesh_motion:
         _use(snes, f"dealib_{kind}_", body)
-        return
+        return f"{name} by MUMPS, {told}"
     air = _MUMPS | _DEFINITE | {"pc_type": "cholesky"}
     blocks = {f"fieldsplit_body_{k}": v for k, v in body.items()}
     blocks |= {f"fieldsplit_air_{k}": v for k, v in air.items()}
@@ -69,6 +106,7 @@ def set_linear_solver(snes: Any, system: System, symmetric: bool) -> None:
     pc = snes.getKSP().getPC()
     pc.setType("fieldsplit")
     pc.setFieldSplitIS(("body", numbers.complement(start, end)), ("air", numbers))
+    return f"{name} by MUMPS, the air's mesh apart, {told}"
 
 
 def _use(snes: Any, prefix: str, options: dict[str, Any]) -> None:

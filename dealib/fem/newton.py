@@ -31,6 +31,7 @@ _FOLDING = 5  # times as many iterations in tension fields, whose tangent jumps
 _ROUNDING = 1e4  # how far above the tolerance rounding may keep the residual
 _EXTERNAL = 76  # PETSc's error of a library: MUMPS, where whole rows of the tangent are zero
 _SINGULAR = "the tangent is singular: a part is held by nothing, or not yet by any tension"
+_STALLED = "the iterative linear solver did not converge; solver.linear: direct may"
 Reason = PETSc.SNES.ConvergedReason
 
 
@@ -72,8 +73,9 @@ class Newton:
     Attributes:
         system: The system.
         iterations: Iterations of the last solve.
-        linear_iterations: Iterations of its linear solver, one each without air.
+        linear_iterations: Iterations of its linear solver, one each where it factorises.
         total: Iterations of all solves.
+        linear_solver: What it is, and its memory.
 
     Args:
         problem: The problem.
@@ -101,9 +103,10 @@ class Newton:
         self._snes.setConvergenceTest(_weak(self._test))
         # `_test` alone decides; PETSc 3.25 would take a failed line search for a small step
         self._snes.setTolerances(stol=0.0, max_it=_iterations(problem.config))
-        set_linear_solver(self._snes, self.system, symmetric)
+        self.linear_solver = set_linear_solver(self._snes, self.system, symmetric)
         set_options(self._snes.getOptionsPrefix(), _OPTIONS)
         self._snes.setFromOptions()
+        self._iterative = self._snes.getKSP().getType() == "fgmres"
         self._factored = False
         self._logged = factorisation_seconds()
         self._norms = np.zeros(len(FIELDS))
@@ -134,7 +137,7 @@ class Newton:
             known = {
                 Reason.DIVERGED_MAX_IT: "no convergence within the iterations allowed",
                 DIVERGED_NAN: "an element turned inside out",
-                Reason.DIVERGED_LINEAR_SOLVE: _SINGULAR,
+                Reason.DIVERGED_LINEAR_SOLVE: _STALLED if self._iterative else _SINGULAR,
             }
             what = known.get(reason, f"SNES reason {reason}")
             raise NotConverged(f"{what} (residual over tolerance: {worst or 'ports'})")
@@ -166,7 +169,7 @@ class Newton:
         unit.set(0.0)
         system.map.set_port(unit, port, 1.0)
         system.eliminate(unit)
-        self._snes.getKSP().solve(unit, response)
+        self._solve_linear(unit, response, exactly=self._iterative)
         volts = system.map.port_values(response)[port]
         trial = q.copy()
         fields = system.map.field == FIELDS.index("potential")
@@ -186,15 +189,14 @@ class Newton:
         system.residual(system.q, system.residual_vector)
         system.tangent(system.matrix)
         self._factored = True
-        solver = self._snes.getKSP()
-        solver.setOperators(system.matrix)
+        self._snes.getKSP().setOperators(system.matrix)
         found = []
         for port in system.ports:
             unit, response = system.q.duplicate(), system.q.duplicate()
             unit.set(0.0)
             system.map.set_port(unit, port, 1.0)
             system.eliminate(unit)
-            solver.solve(unit, response)
+            self._solve_linear(unit, response, exactly=self._iterative)
             found.append(response)
         return found
 
@@ -224,13 +226,23 @@ class Newton:
         unit.set(0.0)
         system.map.set_port(unit, port, 1.0)
         system.eliminate(unit)
-        solver = self._snes.getKSP()
-        solver.setOperators(system.matrix)
-        coarse = solver.getTolerances()[0]  # with air; Newton corrects itself, this does not
-        solver.setTolerances(rtol=_EXACT)
-        solver.solve(unit, found)
-        solver.setTolerances(rtol=coarse)
+        self._snes.getKSP().setOperators(system.matrix)
+        self._solve_linear(unit, found, exactly=True)
         return found
+
+    def _solve_linear(self, right: Any, found: Any, exactly: bool) -> None:
+        """Solve with the last tangent; Newton corrects a coarse solution, nothing corrects this.
+
+        Raises:
+            NotConverged: If an iterative solver does not come so far.
+        """
+        solver = self._snes.getKSP()
+        coarse = solver.getTolerances()[0]
+        solver.setTolerances(rtol=_EXACT if exactly else coarse)
+        solver.solve(right, found)
+        solver.setTolerances(rtol=coarse)
+        if solver.getConvergedReason() < 0 and self._iterative:
+            raise NotConverged(_STALLED)
 
     # --- SNES callbacks --------------------------------------------------------------------------
 

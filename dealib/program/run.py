@@ -58,6 +58,7 @@ class Log:
         log.info(
             "%d cells, %d unknowns, %d ranks", cells, simulation.unknowns, simulation.comm.size
         )
+        log.info("linear solver: %s", simulation.engine.newton.linear_solver)
         if simulation.progress.step >= 0:
             log.info("resumed after step %d", simulation.progress.step)
 

@@ -1,0 +1,191 @@
+"""Multigrid for thick solids: one block for the displacement and one for the potential."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from scipy.sparse import csr_matrix
+
+from dealib.device.records import MOUNT, TERMINAL
+from dealib.fem import compat
+from dealib.fem.problem import Problem
+from dealib.fem.system import System
+
+Ints = npt.NDArray[np.int32]
+
+_PREFIX = "dealib_multigrid_"
+_BODY: dict[str, Any] = {
+    "pc_type": "hypre",
+    "pc_hypre_boomeramg_strong_threshold": 0.5,  # for solids
+}
+_FIELD: dict[str, Any] = {"pc_type": "hypre"}
+
+
+class Multigrid:
+    """Preconditioner of PETSc's type `python`: a sweep of Gauss-Seidel over two blocks.
+
+    Each block is one V-cycle of BoomerAMG. The displacement's block tells multigrid which component
+    an unknown is of: every node has all of them, and what is held is an identity row there. A
+    mount is a node too, of which one component moves. The potential's block is negative definite
+    and is taken with the other sign; terminals without a given voltage belong to it. Other ports
+    must be prescribed: their rows are identities already.
+
+    It keeps no reference to the system, which PETSc would keep alive (see `newton._weak`).
+
+    Args:
+        system: The system, of a solid in three dimensions.
+    """
+
+    def __init__(self, system: System) -> None:
+        rows, problem = system.map, system.problem
+        kinds = {port.name: port.kind for port in problem.device.ports}
+        first = rows.owned - len(rows.ports) if rows.comm.rank == 0 else rows.owned
+        ports: dict[Any, list[int]] = {MOUNT: [], TERMINAL: []}
+        for k, name in enumerate(rows.ports if rows.comm.rank == 0 else ()):
+            if kinds[name] in ports:
+                ports[kinds[name]].append(first + k)
+        moving, dim = np.flatnonzero(rows.field == 0), problem.kinematics.dim
+        node, component = np.divmod(_components(problem)[rows.free[moving]], dim)
+        nodes, node = np.unique(node, return_inverse=True)
+        axes = [problem.kinematics.axes.index(p.along) for p in problem.device.of(MOUNT)]
+        mounts = np.asarray(ports[MOUNT], dtype=np.int64)
+        last = dim * (len(nodes) + np.arange(len(mounts))) + np.array(axes, int)[: len(mounts)]
+        self._body = _Block(
+            rows,
+            np.concatenate([moving, mounts]),
+            np.concatenate([dim * node + component, last]),
+            dim * (len(nodes) + len(mounts)),
+            *(dim, 1.0, _PREFIX + "body_", _BODY),
+        )
+        field = np.concatenate([np.flatnonzero(rows.field == 1), ports[TERMINAL]]).astype(np.int64)
+        every = np.arange(len(field))
+        self._field = _Block(rows, field, every, len(field), *(1, -1.0, _PREFIX + "field_", _FIELD))
+
+    def setUp(self, pc: Any) -> None:
+        """Take the blocks out of the tangent and set multigrid up (called by PETSc)."""
+        self._matrix = pc.getOperators()[1]
+        self._rest = self._matrix.createVecLeft()
+        blocks = (self._body, self._field)
+        for block in blocks:
+            block.clear()
+        indptr, indices, values = self._matrix.getValuesCSR()
+        whole = csr_matrix((values, indices, indptr), (len(indptr) - 1, self._matrix.size[1]))
+        for block in blocks:
+            block.extract(whole)
+        del indptr, indices, values, whole  # multigrid needs the room
+        for block in blocks:
+            block.set_up()
+
+    def apply(self, pc: Any, given: Any, found: Any) -> None:
+        """Displacement first, then the potential with what is left (called by PETSc)."""
+        given.copy(found)
+        found.array[self._body.rows] = found.array[self._field.rows] = 0.0
+        self._body.add(given, found)
+        self._matrix.mult(found, self._rest)
+        self._rest.aypx(-1.0, given)
+        self._field.add(self._rest, found)
+
+
+def _components(problem: Problem) -> Ints:
+    """Node of each local displacement, times the number of components, plus its component."""
+    W, dim = problem.spaces.W, problem.kinematics.dim
+    parts = [compat.cell_dofs(W.sub(0).sub(k)) for k in range(dim)]
+    found = np.full(int(compat.cell_dofs(W).max()) + 1, -1, dtype=np.int32)
+    for k, part in enumerate(parts):
+        found[part] = dim * parts[0] + k
+    return found
+
+
+class _Block:
+    """Some unknowns in another order, with multigrid for their part of a matrix.
+
+    Attributes:
+        rows: Local numbers of the unknowns.
+
+    Args:
+        numbering: Of all unknowns.
+        rows: Local numbers of the unknowns.
+        places: Local number of each in the block.
+        count: Places on this rank; those of no unknown are identity rows.
+        size: Components of a node.
+        sign: Of the block.
+        prefix: Of PETSc's options.
+        options: These options.
+    """
+
+    def __init__(
+        self,
+        numbering: Any,
+        rows: Any,
+        places: Any,
+        count: int,
+        size: int,
+        sign: float,
+        prefix: str,
+        options: dict[str, Any],
+    ) -> None:
+        self.rows, self._places, self._count = rows, places, count
+        self._size, self._sign, self._prefix, comm = size, sign, prefix, numbering.comm
+        known = PETSc.Options()
+        for key, value in options.items():
+            known[prefix + key] = value
+        self._first = comm.exscan(count) or 0
+        column = np.full(numbering.owned, -1, dtype=np.int32)
+        column[rows] = self._first + places
+        self._column = np.concatenate(comm.allgather(column))  # of each unknown, on any rank
+        self._row = np.full(count, -1)
+        self._row[places] = rows
+        self._comm = comm
+        self._pc: Any = None
+
+    def extract(self, whole: Any) -> None:
+        """Take the block out of a matrix.
+
+        Args:
+            whole: This rank's rows, columns numbered over all ranks.
+        """
+        known = self._row >= 0
+        part = whole[self._row[known]]
+        columns = self._column[part.indices]
+        kept = columns >= 0
+        lengths = np.zeros(self._count, dtype=np.int64)
+        lengths[known] = np.diff(np.concatenate([[0], np.cumsum(kept)])[part.indptr])
+        indptr = np.concatenate([[0], np.cumsum(lengths)])
+        shape = (self._count, int(self._comm.allreduce(self._count)))
+        block = csr_matrix((self._sign * part.data[kept], columns[kept], indptr), shape)
+        diagonal = block.diagonal(self._first)
+        unit = float(np.abs(diagonal).mean()) if len(diagonal) else 1.0
+        # where nothing moves; and the identity rows of prescribed ports, which the sign has turned
+        turned = np.where((diagonal < 0) & (self._sign < 0), -2 * diagonal, 0.0)
+        places = np.arange(self._count)
+        more = (np.where(known, turned, unit), (places, self._first + places))
+        block += csr_matrix(more, shape)
+        sizes = ((self._count, None), (self._count, None))
+        csr = (block.indptr.astype(np.int32), block.indices.astype(np.int32), block.data)
+        self._matrix = PETSc.Mat().createAIJ(sizes, bsize=self._size, csr=csr, comm=self._comm)
+
+    def set_up(self) -> None:
+        """Set multigrid up."""
+        self._pc = PETSc.PC().create(self._comm)
+        self._pc.setOptionsPrefix(self._prefix)
+        self._pc.setOperators(self._matrix)
+        self._pc.setFromOptions()
+        self._pc.setUp()
+        self._given, self._found = self._matrix.createVecs()
+
+    def clear(self) -> None:
+        """Destroy what belongs to an earlier tangent; dropped, it would wait for `compat.free`."""
+        if self._pc is not None:
+            for old in (self._pc, self._matrix, self._given, self._found):
+                old.destroy()
+
+    def add(self, given: Any, found: Any) -> None:
+        """Add the block's approximate solution of a right-hand side."""
+        self._given.set(0.0)
+        self._given.array[self._places] = self._sign * given.array_r[self.rows]
+        self._pc.apply(self._given, self._found)
+        found.array[self.rows] += self._found.array_r[self._places]
