@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import subprocess
+import sys
 from pathlib import Path
 
 import laminates
@@ -147,6 +149,19 @@ def test_a_factorisation_beyond_the_machine_is_refused(monkeypatch):
         r"0\.001 GB: choose a coarser mesh"
     )):  # fmt: skip
         Simulation(Case(given, resolved(given), Path()))
+
+
+@needs_hypre
+def test_a_process_that_still_holds_a_simulation_ends_well():
+    """PETSc ends after Python, and must find nothing left that it would call there."""
+    code = (
+        "import test_solvers as t; run = t.laminates.simulation(t.block(solver={'linear': "
+        "'iterative'})); print(sum(1 for _ in run))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=Path(__file__).parent
+    )
+    assert (done.returncode, done.stdout) == (0, "5\n"), done.stderr
 
 
 @needs_hypre

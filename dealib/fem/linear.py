@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from typing import Any
 
 from petsc4py import PETSc
@@ -9,7 +10,7 @@ from petsc4py import PETSc
 from dealib.config.linear import choose, machine_memory
 from dealib.errors import ValueAt
 from dealib.fem.compat import HAS_HYPRE
-from dealib.fem.multigrid import Multigrid
+from dealib.fem.multigrid import EVENT, Multigrid
 from dealib.fem.system import System
 
 _MUMPS: dict[str, Any] = {
@@ -76,6 +77,8 @@ def set_linear_solver(snes: Any, system: System, symmetric: bool) -> str:
         pc = snes.getKSP().getPC()
         pc.setType("python")
         pc.setPythonContext(multigrid)
+        # PETSc cannot call Python any more when it ends itself, after Python
+        weakref.finalize(system, pc.setType, "none")
         return f"FGMRES with multigrid, {told}"
     if config.solver.linear == "iterative":
         raise ValueAt(("solver", "linear"), "this PETSc was built without hypre: choose auto")
@@ -119,8 +122,9 @@ def _use(snes: Any, prefix: str, options: dict[str, Any]) -> None:
 
 
 def factorisation_seconds() -> float:
-    """Time of this process in symbolic and numeric factorisations and back-substitutions."""
-    return float(sum(PETSc.Log.Event(e).getPerfInfo()["time"] for e in _FACTORISATION))
+    """Time of this process in factorisations and back-substitutions, or in multigrid."""
+    events = (*map(PETSc.Log.Event, _FACTORISATION), EVENT)
+    return float(sum(event.getPerfInfo()["time"] for event in events))
 
 
 def inertia(system: System) -> tuple[int, int, int]:

@@ -17,6 +17,7 @@ from dealib.fem.system import System
 
 Ints = npt.NDArray[np.int32]
 
+EVENT = PETSc.Log.Event("dealib multigrid")
 _PREFIX = "dealib_multigrid_"
 _BODY: dict[str, Any] = {
     "pc_type": "hypre",
@@ -41,6 +42,8 @@ class Multigrid:
     """
 
     def __init__(self, system: System) -> None:
+        self._matrix: Any = None
+        self._rest: Any = None
         rows, problem = system.map, system.problem
         kinds = {port.name: port.kind for port in problem.device.ports}
         first = rows.owned - len(rows.ports) if rows.comm.rank == 0 else rows.owned
@@ -67,11 +70,25 @@ class Multigrid:
 
     def setUp(self, pc: Any) -> None:
         """Take the blocks out of the tangent and set multigrid up (called by PETSc)."""
+        with EVENT:
+            self._set_up(pc)
+
+    def destroy(self, pc: Any = None) -> None:
+        """Destroy what it has made (called by PETSc, and before it is made anew).
+
+        Dropped only, it would come to PETSc's garbage while that is being collected.
+        """
+        for old in (self._rest, self._matrix):
+            if old is not None:
+                old.destroy()
+        self._body.destroy()
+        self._field.destroy()
+
+    def _set_up(self, pc: Any) -> None:
+        self.destroy()
         self._matrix = pc.getOperators()[1]
         self._rest = self._matrix.createVecLeft()
         blocks = (self._body, self._field)
-        for block in blocks:
-            block.clear()
         indptr, indices, values = self._matrix.getValuesCSR()
         whole = csr_matrix((values, indices, indptr), (len(indptr) - 1, self._matrix.size[1]))
         for block in blocks:
@@ -82,12 +99,13 @@ class Multigrid:
 
     def apply(self, pc: Any, given: Any, found: Any) -> None:
         """Displacement first, then the potential with what is left (called by PETSc)."""
-        given.copy(found)
-        found.array[self._body.rows] = found.array[self._field.rows] = 0.0
-        self._body.add(given, found)
-        self._matrix.mult(found, self._rest)
-        self._rest.aypx(-1.0, given)
-        self._field.add(self._rest, found)
+        with EVENT:
+            given.copy(found)
+            found.array[self._body.rows] = found.array[self._field.rows] = 0.0
+            self._body.add(given, found)
+            self._matrix.mult(found, self._rest)
+            self._rest.aypx(-1.0, given)
+            self._field.add(self._rest, found)
 
 
 def _components(problem: Problem) -> Ints:
@@ -177,8 +195,8 @@ class _Block:
         self._pc.setUp()
         self._given, self._found = self._matrix.createVecs()
 
-    def clear(self) -> None:
-        """Destroy what belongs to an earlier tangent; dropped, it would wait for `compat.free`."""
+    def destroy(self) -> None:
+        """Destroy what belongs to a tangent."""
         if self._pc is not None:
             for old in (self._pc, self._matrix, self._given, self._found):
                 old.destroy()
