@@ -14,7 +14,7 @@ from mpi4py import MPI
 import numpy as np
 
 import dealib
-from dealib.fem import compat
+from dealib.fem import compat, layout
 from dealib.program import Simulation, simulate
 
 PARTS = ("film_top", "film_bottom", "inner", "outer", "film", "top_electrode")
@@ -51,6 +51,7 @@ class Split:
 
 
 if __name__ == "__main__":
+    layout._PIECE = 4096  # so that what small meshes have is sent in several pieces, too
     for config in map(Path, sys.argv[2:]):
         directory = Path(sys.argv[1]) / config.stem
         simulate(dealib.load(config), directory, observers=[Split(directory)], comm=MPI.COMM_WORLD)

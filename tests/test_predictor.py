@@ -5,7 +5,7 @@ from petsc4py import PETSc
 import numpy as np
 import pytest
 
-from dealib.program.predictor import Predictor
+from dealib.program.predictor import Predictor, remembered
 
 
 def vector(*values):
@@ -82,3 +82,20 @@ def test_other_inputs_are_not_recalled():
     walk(predictor, parabola, np.linspace(0, 1, 6))
     predictor.corner()
     assert predictor.predict(1.2, ("charge", 0.8)) is None
+
+
+def test_memory_bounds_how_many_states_are_remembered():
+    """At most 256 MB of numbers, but always enough to go on."""
+    assert [remembered(n) for n in (1000, 500_000, 1_000_000, 2_000_000, 10**8)] == [
+        64,
+        64,
+        32,
+        16,
+        8,
+    ]
+    predictor = Predictor(memory=8)
+    walk(predictor, parabola, np.linspace(0, 1, 20))
+    assert len(predictor.path) == len(predictor.plain()["known"]) == 8
+    predictor.corner()
+    back = predictor.predict(1.5, ("voltage", 18 / 19))
+    assert back.array == pytest.approx(parabola(18 / 19).array)

@@ -97,6 +97,21 @@ def test_fields_of_the_reader_agree_with_the_file(strip_run):
         assert a.ravel() == pytest.approx(b.ravel(), rel=1e-5, abs=1e-6 * np.abs(a).max())
 
 
+@pytest.mark.parametrize("viscous", [False, True])
+def test_fields_of_large_meshes_come_in_blocks(strip_run, viscous, tmp_path, monkeypatch):
+    """However many cells are taken at a time, the fields are the same."""
+    run = strip_run
+    if viscous:
+        run = dealib.simulate(CONFIGS.parent / "tests" / "viscous.yaml", tmp_path / "run")
+    arrays = [run.arrays(-1)]
+    for room in (2e5, 1.0):  # some cells, and a cell at a time
+        monkeypatch.setattr("dealib.results.fields._ROOM", room)
+        arrays.append(run.arrays(-1))
+    for name, whole in arrays[0].items():
+        for other in arrays[1:]:
+            assert other[name] == pytest.approx(whole, abs=1e-13 * np.abs(whole).max()), name
+
+
 def test_stress_jumps_at_the_faces(strip_run):
     """Film and electrode keep their own stress where they touch, and both are right."""
     mesh, fields = strip_run.mesh, strip_run.arrays(0)  # mounted, at rest

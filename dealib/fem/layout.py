@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -19,6 +20,7 @@ from dealib.results.elements import Cell
 from dealib.results.mesh import ResultMesh
 
 Floats = npt.NDArray[np.float64]
+_PIECE = 2**24  # bytes that one rank sends at a time
 
 
 @dataclass
@@ -45,7 +47,7 @@ class Layout:
     _cells: Any  # of each row
     _groups: Any  # the same, of a sheet
     _owned: Any
-    _order: Any
+    _places: list[Any]  # on rank 0: of each rank's own rows in the whole mesh
     _original: Any
     _pressure: tuple[Any, Any] | None  # its dofs by cell, and its basis at the cell's nodes
 
@@ -92,19 +94,23 @@ class Layout:
             ),
             root=0,
         )
-        order, whole = None, None
+        places: list[Any] = []
+        whole = None
         if comm.rank == 0:
             cells, global_nodes, x, region, split = (
                 np.concatenate([p[k] for p in parts]) for k in range(5)
             )
             order = np.argsort(cells)
+            place = np.empty_like(order)
+            place[order] = np.arange(len(order))
+            places = np.split(place, np.cumsum([len(part[0]) for part in parts])[:-1])
             whole = ResultMesh.number(
                 *(cell, global_nodes[order], x[order], region[order], tuple(regions)),
                 split[order] if kinematics.sheet else region[order],
             )
         return cls(
             *(cell, nodes[rows], whole, problem, comm, dofs, rows, groups),
-            *(owned, order, original, pressure),
+            *(owned, places, original, pressure),
         )
 
     def rows(self, group: Group) -> Any:
@@ -174,31 +180,58 @@ class Layout:
 
         The pressure, which jumps between cells, is averaged at the nodes of each region.
         """
-        by_cell = self.gather_cells(self.local())
-        if by_cell is None or self.mesh is None:
+        local = self.local()
+        nodal, pressure = np.empty((0, 0)), np.empty((0, 0))
+        if self.mesh is not None:
+            nodal = np.empty((len(self.mesh.points), local.shape[-1]))
+            if self._pressure is not None:
+                pressure = np.empty(self.mesh.cells.shape)
+        for rows, piece in self._pieces(local):
+            assert self.mesh is not None
+            nodal[self.mesh.cells[rows]] = piece
+            if self._pressure is not None:
+                pressure[rows] = piece[..., -1]
+        if self.mesh is None:
             return None
-        nodal = self.mesh.to_nodes(by_cell)
         if self._pressure is not None:
             every = np.arange(len(self.mesh.cells))  # nodes are split where regions meet
-            self.mesh.average({"p": by_cell[..., -1]}, every, {"p": nodal[:, -1]})
+            self.mesh.average({"p": pressure}, every, {"p": nodal[:, -1]})
         return nodal
 
     def gather_cells(self, values: Floats) -> Floats | None:
         """Values of the local rows, (rows, ...), for the whole mesh on rank 0."""
-        parts = self._comm.gather(values[self._owned], root=0)
-        return None if parts is None else np.concatenate(parts)[self._order]
+        whole = None if self.mesh is None else np.empty((len(self.mesh.cells), *values.shape[1:]))
+        for rows, piece in self._pieces(values):
+            assert whole is not None
+            whole[rows] = piece
+        return whole
+
+    def _pieces(self, values: Floats) -> Iterator[tuple[Any, Floats]]:
+        """On rank 0 the values of all ranks' own rows, with these rows' places in the whole mesh.
+
+        They come rank by rank and a piece at a time: rank 0 never holds a copy of them all. On
+        other ranks nothing comes, but the values leave (collective).
+        """
+        mine, comm = values[self._owned], self._comm
+        size = max(1, _PIECE // max(1, 8 * int(np.prod(values.shape[1:]))))
+        if comm.rank > 0:
+            for k in range(0, len(mine), size):
+                comm.Send(np.ascontiguousarray(mine[k : k + size]), 0)
+            return
+        yield self._places[0], mine
+        for rank, places in enumerate(self._places[1:], start=1):
+            for k in range(0, len(places), size):
+                piece = np.empty((len(places[k : k + size]), *values.shape[1:]))
+                comm.Recv(piece, rank)
+                yield places[k : k + size], piece
 
     def scatter(self, values: Floats | None) -> None:
         """Set the state from nodal values of the whole mesh on rank 0 (inverse of `gather`).
 
         The pressure is fitted to its averages in each cell: a start for Newton, who makes it exact.
         """
-        by_cell = None
-        if self.mesh is not None and values is not None:
-            by_cell = values[self.mesh.cells]
-        by_cell = self._comm.bcast(by_cell, root=0)
-        w, mine = self._problem.spaces.w, self.mine(by_cell)[self._owned]
-        cells = self._cells[self._owned]
+        mine = self._hand_out(values)
+        w, cells = self._problem.spaces.w, self._cells[self._owned]
         for k, dofs in enumerate(self._dofs):
             w.x.array[dofs[cells]] = mine[..., k]
         if self._pressure is not None:
@@ -209,6 +242,22 @@ class Layout:
             at = np.einsum("qn,cnk->cqk", self._at_quadrature, excess)
             sheet.set_excess(cells, at)
         w.x.scatter_forward()
+
+    def _hand_out(self, values: Floats | None) -> Floats:
+        """Values of this rank's own rows from nodal ones on rank 0, piece by piece (collective)."""
+        comm = self._comm
+        columns = comm.bcast(None if values is None else values.shape[1], root=0)
+        nodes = self.nodes.shape[1]
+        size = max(1, _PIECE // (8 * nodes * columns))
+        if self.mesh is not None and values is not None:
+            for rank, places in enumerate(self._places[1:], start=1):
+                for k in range(0, len(places), size):
+                    comm.Send(values[self.mesh.cells[places[k : k + size]]], rank)
+            return np.asarray(values[self.mesh.cells[self._places[0]]])
+        mine = np.empty((int(self._owned.sum()), nodes, columns))
+        for k in range(0, len(mine), size):
+            comm.Recv(mine[k : k + size], 0)
+        return mine
 
 
 def _rows(problem: Problem) -> tuple[Any, Any]:

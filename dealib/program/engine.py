@@ -20,7 +20,7 @@ from dealib.fem.rigid import unheld
 from dealib.fem.system import Timings
 from dealib.fem.viscous import Viscosity
 from dealib.program.inputs import Drive, law, rest
-from dealib.program.predictor import Predictor
+from dealib.program.predictor import Predictor, remembered
 from dealib.program.progress import Progress
 from dealib.results.checkpoint import Checkpoint
 
@@ -57,7 +57,11 @@ class Engine:
         pairs = [s.follow.pair for s in config.program if s.follow is not None]
         crossed = any(partner(vary) != along for vary, along in pairs)
         self.newton = Newton(self.problem, self.timings, symmetric=not crossed)
-        self.predictor = Predictor(config.solver.predictor_order, retrace=self.viscosity is None)
+        self.predictor = Predictor(
+            config.solver.predictor_order,
+            retrace=self.viscosity is None,
+            memory=remembered(self.newton.system.q.size),
+        )
         self.progress = Progress(drives=rest(self.problem.device))
         self.normals = None
         if self.problem.device.laminate is None:  # the mesh does not say what is across a film

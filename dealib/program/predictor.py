@@ -6,7 +6,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-MEMORY = 64  # states that are remembered for the way back
+_MOST, _LEAST = 64, 8  # states that are remembered for the way back
+_ROOM = 256e6  # bytes that more than the fewest of them may take
 _SMOOTH = 0.5  # largest error of a prediction, in steps, on a smooth path
 
 
@@ -27,6 +28,11 @@ class Known:
     smooth: bool = False
 
 
+def remembered(unknowns: int) -> int:
+    """How many states of so many unknowns are remembered, here and in a checkpoint."""
+    return int(min(_MOST, max(_LEAST, _ROOM // (8 * unknowns))))
+
+
 @dataclass
 class Predictor:
     """Extrapolates a smooth path, and remembers it for the way back.
@@ -41,6 +47,7 @@ class Predictor:
     Attributes:
         highest: Highest order of the polynomial; 0 always starts from the last state.
         retrace: Whether the body is elastic, so that a way back can lead through known states.
+        memory: How many states are remembered (see `remembered`).
         path: Known states, oldest first.
         segment: Number of them since the last corner, which is the first of these.
         back: Index in `path` of the state that the way back reached; None if not on a way back.
@@ -48,6 +55,7 @@ class Predictor:
 
     highest: int = 3
     retrace: bool = True
+    memory: int = _MOST
     path: list[Known] = field(default_factory=list)
     segment: int = 0
     back: int | None = None
@@ -64,7 +72,7 @@ class Predictor:
         self._returned = False
         self.path.append(known)
         self.segment += 1
-        if len(self.path) > MEMORY:
+        if len(self.path) > self.memory:
             self.path.pop(0)
             self.back = None if self.back is None else self.back - 1
 

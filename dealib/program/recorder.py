@@ -9,7 +9,6 @@ from pathlib import Path
 from dealib.config.case import Case, resolved
 from dealib.errors import PlatformError
 from dealib.program.history import State
-from dealib.program.predictor import MEMORY
 from dealib.program.simulation import Simulation
 from dealib.results.writer import Opening, Record, Writer
 from dealib.versions import versions
@@ -48,7 +47,8 @@ class Recorder:
         if self._writer is not None:
             viscosity = state.engine.viscosity
             at_gauss = None if viscosity is None else viscosity.at_points(internal)
-            self._writer.add(Record(state.row, nodal, stored, values, MEMORY, internal, at_gauss))
+            keep = state.engine.predictor.memory
+            self._writer.add(Record(state.row, nodal, stored, values, keep, internal, at_gauss))
         self._timings["output"] += time.perf_counter() - begin
 
     def wait(self) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from dealib.config.schema import Config
 from dealib.results import local
 from dealib.results.elements import Array
 from dealib.results.mesh import Average, Ints, ResultMesh
+
+_ROOM = 128e6  # bytes of a block of cells
 
 
 def fields(
@@ -32,18 +35,14 @@ class Fields:
         viscous, kinematics = local.cells_with_memory(config, mesh), config.device.kinematics
         self._mesh, self._axes = mesh, kinematics.dim
         self._wrinkles = config.physics.wrinkling == "tension_field"
-        self._parts = [
-            _Part(
-                material,
-                mesh.cells[cells],
-                local.Points.of(
-                    kinematics, material, mesh.cell, mesh.nodes[cells], mesh.cell.gauss
-                ),
-                Average(mesh, cells),
-                np.searchsorted(viscous, cells),
-            )
-            for material, cells in _by_material(config, mesh)
-        ]
+        at_once = max(1, int(_ROOM / _bytes(mesh)))
+        self._parts = []
+        for material, cells in _by_material(config, mesh):
+            blocks = np.split(cells, range(at_once, len(cells), at_once))
+            points = partial(local.Points.of, kinematics, material, mesh.cell)
+            kept = len(blocks) == 1
+            found = [_Block(mesh, c, np.searchsorted(viscous, c), points, kept) for c in blocks]
+            self._parts.append(_Part(material, found, Average(mesh, blocks)))
 
     def __call__(self, state: Array, internal: Array | None = None) -> dict[str, Array]:
         """All fields of a state.
@@ -78,16 +77,20 @@ class Fields:
         elif state.shape[1] > axes + 1:
             out["p"] = state[:, axes + 1].copy()
         for part in self._parts:
-            part.average.into(out, self._of(part, state[part.cells], internal))
+            part.average.into(
+                out, (self._of(part.material, b, state, internal) for b in part.blocks)
+            )
         return out
 
-    def _of(self, part: _Part, nodal: Array, internal: Array | None) -> dict[str, Array]:
-        """Values at the nodes of each cell of one material."""
-        material = part.material
-        mine = internal[part.viscous] if internal is not None and material.remembers else None
-        k = part.points.deformation(nodal, mine)
+    def _of(
+        self, material: local.RegionMaterial, block: _Block, state: Array, internal: Array | None
+    ) -> dict[str, Array]:
+        """Values at the nodes of each cell of a block."""
+        nodal, points = state[block.mesh.cells[block.cells]], block.points()
+        mine = internal[block.viscous] if internal is not None and material.remembers else None
+        k = points.deformation(nodal, mine)
         found = {"J": self._at_nodes(k.J)}
-        if self._wrinkles and (crests := part.points.crests(nodal)):
+        if self._wrinkles and (crests := points.crests(nodal)):
             found |= dict(zip(("wrinkling", "crest"), map(self._at_nodes, crests), strict=True))
         if material.permittivity:
             eps = self._at_nodes(np.broadcast_to(material.permittivity_at(k), k.J.shape))
@@ -98,7 +101,7 @@ class Fields:
                 more = material.electric_stress(k) - local.maxwell(material.permittivity_at(k), k.e)
                 found["maxwell_stress"] += self._at_nodes(more)
         if material.law is not None:
-            S = material.elastic_stress(k, part.points.pressure(nodal), mine)
+            S = material.elastic_stress(k, points.pressure(nodal), mine)
             found["second_pk_stress"] = self._at_nodes(S)
             found["cauchy_stress"] = self._at_nodes(local.cauchy(k.F, S))
         return found
@@ -115,17 +118,47 @@ class _Part:
 
     Attributes:
         material: The material.
-        cells: Their nodes.
-        points: Their Gauss points.
+        blocks: The cells, as many at a time as the memory bears.
         average: At their nodes.
-        viscous: Their indices among the cells with Maxwell branches, if they have some.
     """
 
     material: local.RegionMaterial
-    cells: Ints
-    points: local.Points
+    blocks: list[_Block]
     average: Average
+
+
+@dataclass
+class _Block:
+    """Some cells.
+
+    Attributes:
+        mesh: Their mesh.
+        cells: Their indices.
+        viscous: Their indices among the cells with Maxwell branches, if they have some.
+        make: Makes points of cells from their nodes and the points' reference coordinates.
+        kept: Whether their Gauss points are kept from one state to the next.
+    """
+
+    mesh: ResultMesh
+    cells: Ints
     viscous: Ints
+    make: Callable[[Array, Array], local.Points]
+    kept: bool
+    _points: local.Points | None = None
+
+    def points(self) -> local.Points:
+        """Their Gauss points."""
+        found = self._points
+        if found is None:
+            found = self.make(self.mesh.points[self.mesh.cells[self.cells]], self.mesh.cell.gauss)
+            self._points = found if self.kept else None
+        return found
+
+
+def _bytes(mesh: ResultMesh) -> float:
+    """What the Gauss points of a cell take, mostly their gradients of shape functions."""
+    points, axes = mesh.cell.gauss.shape
+    return 8.0 * points * (mesh.cells.shape[1] * axes + 60)
 
 
 def _by_material(config: Config, mesh: ResultMesh) -> Iterator[tuple[local.RegionMaterial, Ints]]:

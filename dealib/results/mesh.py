@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -102,7 +103,7 @@ class ResultMesh:
             cells: The cells, whole regions.
             out: By name, (nodes, ...).
         """
-        Average(self, cells).into(out, by_cell)
+        Average(self, [cells]).into(out, [by_cell])
 
 
 class Average:
@@ -110,21 +111,28 @@ class Average:
 
     Args:
         mesh: The mesh.
-        cells: The cells, whole regions.
+        blocks: The cells, together whole regions; their values come block by block.
     """
 
-    def __init__(self, mesh: ResultMesh, cells: Ints) -> None:
+    def __init__(self, mesh: ResultMesh, blocks: Sequence[Ints]) -> None:
         from scipy.sparse import csr_matrix
 
-        nodes = mesh.cells[cells].ravel()
-        shape = (len(mesh.points), len(nodes))
-        total = csr_matrix((np.ones(len(nodes)), (nodes, np.arange(len(nodes)))), shape)
-        count = np.bincount(nodes)
+        nodes = [mesh.cells[cells].ravel() for cells in blocks]
+        count = sum(np.bincount(block, minlength=len(mesh.points)) for block in nodes)
         self._used = np.flatnonzero(count)
-        self._total, self._count = total[self._used], count[self._used, None]
+        self._count = np.asarray(count)[self._used, None]
+        self._totals = []
+        for block in nodes:
+            total = (np.ones(len(block)), (block, np.arange(len(block))))
+            self._totals.append(csr_matrix(total, (len(mesh.points), len(block)))[self._used])
 
-    def into(self, out: dict[str, Array], by_cell: dict[str, Array]) -> None:
+    def into(self, out: dict[str, Array], blocks: Iterable[dict[str, Array]]) -> None:
         """Average values by name, (cells, nodes of a cell, ...), into nodal ones, (nodes, ...)."""
-        for name, values in by_cell.items():
-            mean = self._total @ values.reshape(self._total.shape[1], -1) / self._count
-            out[name][self._used] = mean.reshape(-1, *values.shape[2:])
+        sums: dict[str, Array] = {}
+        for total, by_cell in zip(self._totals, blocks, strict=True):
+            for name, values in by_cell.items():
+                part = total @ values.reshape(total.shape[1], -1)
+                sums[name] = sums[name] + part if name in sums else part
+        for name, values in sums.items():
+            mean = values / self._count
+            out[name][self._used] = mean.reshape(-1, *out[name].shape[1:])
