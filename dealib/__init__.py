@@ -12,6 +12,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from dealib.processor import prepare
+
 if TYPE_CHECKING:
     from dealib.config import Case, load
     from dealib.errors import ConfigError, DealibError, Interrupted, NotConverged
@@ -34,6 +36,8 @@ __all__ = [
     "simulate",
     "tables",
 ]
+
+prepare()  # before numpy loads its BLAS
 
 # name -> (module, attribute): imported when first asked for, since dolfinx takes seconds
 _LAZY = {

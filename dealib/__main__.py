@@ -11,8 +11,6 @@ from types import FrameType
 import dealib.cli.clock  # noqa: F401 - starts it
 from dealib.errors import FAULT, ConfigError, DealibError, Interrupted
 
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):  # before numpy loads its BLAS
-    os.environ.setdefault(_name, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")  # pictures go to files, with a screen or without
 
 

@@ -10,7 +10,6 @@ import functools
 import inspect
 import logging
 import os
-import platform
 import sys
 import zlib
 from collections.abc import Iterator
@@ -18,11 +17,7 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
-# one BLAS thread is fastest at these sizes; set before PETSc loads its BLAS
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
-
-from mpi4py import MPI as _MPI  # noqa: E402, F401 - finds the MPI that dolfinx's wheel needs
+from mpi4py import MPI as _MPI  # noqa: F401 - finds the MPI that dolfinx's wheel needs
 
 _setdlopenflags = sys.setdlopenflags
 sys.setdlopenflags = lambda flags: None  # dolfinx 0.5 asks for RTLD_GLOBAL: VTK would abort
@@ -44,6 +39,7 @@ from dolfinx import mesh as _mesh  # noqa: E402
 
 from dealib.errors import PlatformError  # noqa: E402
 from dealib.patience import patience  # noqa: E402
+from dealib.processor import features  # noqa: E402
 
 VERSION: str = dolfinx.__version__
 LEGACY = not hasattr(fem, "functionspace")  # Debian 12's 0.5.2: elements live in UFL, not in Basix
@@ -201,12 +197,7 @@ def _compiler_flags() -> tuple[str, ...]:
     The code is compiled for the machine that runs it; the mark keeps apart what different machines
     compile into one shared cache. Not-a-number must stay: it shows an inverted element.
     """
-    try:
-        with open("/proc/cpuinfo", encoding="utf-8") as file:
-            features = next((line for line in file if line.startswith(("flags", "Features"))), "")
-    except OSError:
-        features = platform.processor()
-    mark = zlib.crc32(features.encode())
+    mark = zlib.crc32(features().encode())
     fast = ("-O3", "-march=native", "-ffast-math", "-fno-finite-math-only")
     return (*fast, f"-DDEALIB_PROCESSOR={mark}")
 
