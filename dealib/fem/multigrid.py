@@ -8,7 +8,6 @@ from petsc4py import PETSc
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_matrix
 
 from dealib.device.records import MOUNT, TERMINAL
 from dealib.fem import compat
@@ -85,6 +84,8 @@ class Multigrid:
         self._field.destroy()
 
     def _set_up(self, pc: Any) -> None:
+        from scipy.sparse import csr_matrix
+
         self.destroy()
         self._matrix = pc.getOperators()[1]
         self._rest = self._matrix.createVecLeft()
@@ -166,6 +167,8 @@ class _Block:
         Args:
             whole: This rank's rows, columns numbered over all ranks.
         """
+        from scipy.sparse import csr_matrix
+
         known = self._row >= 0
         part = whole[self._row[known]]
         columns = self._column[part.indices]
