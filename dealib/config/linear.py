@@ -7,7 +7,7 @@ import os
 from dataclasses import dataclass
 
 from dealib.config.schema import Config
-from dealib.device.records import CHAMBER, Sizes
+from dealib.device.records import CHAMBER, MOUNT, Sizes
 from dealib.errors import ValueAt
 
 MANY = 40_000  # unknowns above which iterations pay in a thick body
@@ -73,6 +73,8 @@ def not_iterative(config: Config) -> str:
         return "only without air"
     if any(stage.follow is not None for stage in config.program):
         return "no stage may follow a branch, on which the body is unstable"
+    if any(port.along not in device.kinematics.axes for port in device.of(MOUNT)):
+        return "mounts only along an axis"
     chambers = {port.name for port in device.of(CHAMBER)}
     for stage in config.program:
         for name, given in stage.driven(device).items():
