@@ -17,6 +17,10 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
+# dealib answers signals; newer versions of PETSc would end the process on SIGTERM
+if "-no_signal_handler" not in (_options := os.environ.get("PETSC_OPTIONS", "")):
+    os.environ["PETSC_OPTIONS"] = f"{_options} -no_signal_handler".strip()
+
 from mpi4py import MPI as _MPI  # noqa: F401 - finds the MPI that dolfinx's wheel needs
 
 _setdlopenflags = sys.setdlopenflags

@@ -118,6 +118,6 @@ def save(figure: Any, target: Path | IO[bytes], kind: str | None = None, dpi: in
     if isinstance(target, Path):  # in memory: backends do not survive a disk that is full
         data = io.BytesIO()
         save(figure, data, target.suffix[1:].lower(), dpi)
-        write_bytes(target, data.getbuffer())
+        write_bytes(target, data.getvalue())
     else:
         figure.savefig(target, format=kind, dpi=dpi)

@@ -165,8 +165,9 @@ def _save(path: Path, array: Array) -> str:
     """Write an array; returns its checksum."""
     buffer = io.BytesIO()
     np.save(buffer, array)
-    write_bytes(path, buffer.getbuffer(), durable=True)
-    return _sum(buffer.getbuffer())
+    content = buffer.getvalue()
+    write_bytes(path, content, durable=True)
+    return _sum(content)
 
 
 def _load(path: Path, sums: Mapping[str, str]) -> Array:
