@@ -10,9 +10,10 @@ import typer
 from dealib.device.records import CHAMBER, MOUNT
 from dealib.errors import ConfigError
 from dealib.observe.quantities import Column, columns
+from dealib.results.critical import critical_points
 from dealib.results.cycles import cycles
 from dealib.results.reader import Run
-from dealib.results.summary import VERDICTS, actuations, alarms, critical_points, margins
+from dealib.results.summary import VERDICTS, actuations, alarms, margins
 from dealib.units import counted, neat
 
 _COLOURS = dict(zip(VERDICTS, (typer.colors.RED, typer.colors.YELLOW), strict=True))

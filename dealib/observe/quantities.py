@@ -126,6 +126,8 @@ _TENSION_FIELD = Need(
 )
 _TAUT = Need("physics.wrinkling: taut", lambda c: c.physics.wrinkling == "taut")
 _FOLLOW = Need("a stage with follow", lambda c: any(s.follow is not None for s in c.program))
+_WATCHED = Need("output.modes above 0", lambda c: c.output.modes > 0)
+_COUNTED = Need(f"{_WATCHED.text}, or {_FOLLOW.text}", lambda c: _WATCHED.has(c) or _FOLLOW.has(c))
 
 
 # --- measures ------------------------------------------------------------------------------------
@@ -190,6 +192,10 @@ def _dissipated(s: Snapshot) -> float:
 
 def _power(s: Snapshot) -> float:
     return 0.0 if s.viscosity is None else float(s.viscosity.power)
+
+
+def _softest(s: Snapshot) -> float:
+    return float(s.modes.stiffness[0])
 
 
 def _of_ports() -> Iterator[Quantity]:
@@ -259,7 +265,8 @@ QUANTITIES: tuple[Quantity, ...] = (
         _TENSION_FIELD,
     ),
     Q("energy_residual_mJ", "mJ", "energy residual"),
-    Q("unstable_modes", "", "unstable modes", needs=_FOLLOW),
+    Q("softest_mode_N_per_mm", "N/mm", "stiffness of the softest mode", _softest, _WATCHED),
+    Q("unstable_modes", "", "unstable modes", needs=_COUNTED),
     Q("limit_point", "", "limit point", needs=_FOLLOW),
     Q("bifurcation", "", "bifurcation", needs=_FOLLOW),
 )

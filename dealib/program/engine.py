@@ -8,12 +8,15 @@ from typing import Any
 
 from mpi4py import MPI
 
+import numpy as np
+
 from dealib.config.follow import partner
 from dealib.config.schema import Config
 from dealib.device.records import MOUNT
 from dealib.errors import ConfigError, ValueAt
 from dealib.fem.films import field_normals
 from dealib.fem.layout import Layout
+from dealib.fem.modes import Modes
 from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem
 from dealib.fem.rigid import unheld
@@ -98,6 +101,24 @@ class Engine:
             port.name: (system.values[port.name], port.kind.sign * system.internal[port.name])
             for port in self.problem.device.ports
         }
+
+    def mode_shapes(self, modes: Modes) -> Any:
+        """Displacements of modes of the present state on rank 0, (modes, nodes, axes) (collective).
+
+        The longest displacement of each is 1; its largest component is positive.
+        """
+        system, found = self.newton.system, []
+        for shape in modes.shapes:
+            mode = system.q.duplicate()
+            mode.array[:] = shape[slice(*mode.getOwnershipRange())]
+            system.map.expand(mode, self.problem.spaces.w)
+            nodal = self.layout.gather()
+            if nodal is not None:
+                u = nodal[:, : self.problem.kinematics.dim]
+                u *= np.sign(u.flat[np.abs(u).argmax()])
+                found.append(u / np.linalg.norm(u, axis=1).max())
+        system.expand(system.q)
+        return np.array(found) if found else None
 
     def restore(self, saved: Checkpoint) -> None:
         """Take up a saved state (collective).
