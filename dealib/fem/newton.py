@@ -14,7 +14,7 @@ from petsc4py import PETSc
 import numpy as np
 
 from dealib.config.schema import Config
-from dealib.device.records import CHAMBER, MOUNT, TERMINAL
+from dealib.device.records import CHAMBER, MOUNT, TERMINAL, TURN
 from dealib.errors import NotConverged
 from dealib.fem.compat import DIVERGED_NAN, free
 from dealib.fem.constraints import FIELDS
@@ -99,6 +99,7 @@ class Newton:
         self._tolerance = solver.tolerance * Scales.of(problem).array()
         self._port_tolerance = solver.tolerance
         scale = dict(zip((MOUNT, TERMINAL, CHAMBER), self._tolerance[[0, 1, 3]], strict=True))
+        scale[TURN] = scale[MOUNT] * problem.domain.sizes.span
         self._dual_tolerance = {p.name: scale[p.kind] for p in problem.device.ports}
         thickness = problem.domain.sizes.thickness
         modulus = problem.config.film.shear_modulus_at_rest

@@ -111,6 +111,11 @@ class Problem:
         """Whether the tangent is: one potential, and no air, whose mesh moves one-way."""
         return self.coupling.symmetric and not self.mesh_motion
 
+    @cached_property
+    def direction(self) -> Any:
+        """A displacement, for the form 'along'."""
+        return fem.Function(self.spaces.W)
+
     @property
     def sheets(self) -> list[tuple[Group, Sheet]]:
         """The layers of a sheet."""
@@ -251,6 +256,7 @@ class Problem:
 
         Args:
             name: 'elastic', 'electric' (energies); 'locked' (area near a law's limit);
+                'along' (the tangent's product with `direction`);
                 'mounted' (volume of what carries stress), 'product' (of displacements over it);
                 'residual', 'tangent' (of both, coupled); 'mesh_residual', 'mesh_tangent' (of the
                 air's fictitious elasticity); 'dual PORT', 'column PORT', 'corner PORT PORT' (first
@@ -282,6 +288,8 @@ class Problem:
             found = made[kind](*ports)
             return compat.form(found) if found else None
         test, trial = ufl.TestFunction(W), ufl.TrialFunction(W)
+        if name == "along":
+            name, trial = "tangent", self.direction
         if name.startswith("mesh") and not self.mesh_motion:
             return None
         parts = self.mesh_motion if name.startswith("mesh") else self.body + self.electric

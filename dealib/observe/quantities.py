@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from dealib.device.device import Device
-from dealib.device.records import CHAMBER, KINDS, MOUNT, TERMINAL, Port, PortKind
+from dealib.device.records import CHAMBER, KINDS, MOUNT, TERMINAL, TURN, Port, PortKind
 from dealib.errors import ValueAt
 from dealib.materials.laws import LAWS
 from dealib.materials.response import softens
@@ -257,7 +257,7 @@ QUANTITIES: tuple[Quantity, ...] = (
     Q("dissipated_power_mW", "mW", "dissipated power", _power, _BRANCHES),
     *(
         Q(f"{kind.name}_work_mJ", "mJ", f"work of the {kind.name}", kind=kind)
-        for kind in (MOUNT, TERMINAL, CHAMBER)
+        for kind in (MOUNT, TERMINAL, CHAMBER, TURN)
     ),
     Q(
         *("wrinkled_area_mm2", "mm2", "wrinkled area as mounted"),

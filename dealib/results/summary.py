@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dealib.device.records import CHAMBER, MOUNT, TERMINAL
+from dealib.device.records import CHAMBER, MOUNT, TERMINAL, TURN
 from dealib.errors import ConfigError
 from dealib.observe.quantities import columns
 from dealib.results import stages
@@ -54,6 +54,8 @@ def moment(run: Run, row: Mapping[str, Any] | pandas.Series[Any]) -> str:
 SYMBOLS = {
     "displacement_mm": "u",
     "force_N": "F",
+    "rotation_deg": "rot",
+    "moment_Nmm": "M",
     "voltage_kV": "V",
     "charge_uC": "Q",
     "pressure_kPa": "p",
@@ -109,7 +111,11 @@ class Actuation:
 
 _LEAST = 1e-6  # mm, kPa: a port whose value changes less is kept
 # by kind: name of a change of the value, and what is said where there is none
-_STROKE = {MOUNT: ("stroke", "mount held"), CHAMBER: ("pressure change", "pressure constant")}
+_STROKE = {
+    MOUNT: ("stroke", "mount held"),
+    TURN: ("rotation", "turn held"),
+    CHAMBER: ("pressure change", "pressure constant"),
+}
 
 
 def actuations(run: Run) -> list[Actuation]:
