@@ -227,6 +227,9 @@ def test_numbers_are_interpolated_where_the_stiffness_falls():
 
     assert lost_at([of(2.0), of(2.5), of(3.2)])["voltage_kV"] == pytest.approx(3.0, abs=0.01)
     assert lost_at([row(0.0, 1.0), row(2.0, 3.0), row(4.0, -1.0)])["voltage_kV"] == 3.5
+    # another mode, which nothing has shown before: between the last two in any case
+    jump = lost_at([row(2.0, 1.0), row(2.9, 0.9), row(3.0, -0.9)])["voltage_kV"]
+    assert jump == pytest.approx(2.95, abs=0.05)
     assert lost_at([row(2.0, -0.5)])["voltage_kV"] == 2.0
     assert lost_at([row(1.0, -0.1), row(2.0, -0.5)])["voltage_kV"] == 2.0
 

@@ -68,16 +68,27 @@ def lost_at(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     """The numbers of the state at which the softest mode has no stiffness.
 
     Args:
-        rows: Of the history: an unstable state, after up to two stable ones. Where the stiffness
-            falls from row to row, the numbers are interpolated over it.
+        rows: Of the history: an unstable state, after up to two others. Numbers are interpolated
+            over the stiffness from the last stable one; where it has fallen since the one before
+            that too, over all three, if that stays between the last two.
     """
-    stiffness = np.array([row["softest_mode_N_per_mm"] for row in rows])
-    falls = (np.diff(stiffness) < 0) & (stiffness[:-1] > 0)
-    used = 1 + int(np.logical_and.accumulate(falls[::-1]).sum())
-    mu, rows = stiffness[-used:], rows[-used:]
-    weights = [math.prod(m / (m - own) for m in mu if m != own) for own in mu]
-    names = [name for name, value in rows[-1].items() if isinstance(value, float)]
-    return {n: sum(w * row[n] for w, row in zip(weights, rows, strict=True)) for n in names}
+    stiffness = [float(row["softest_mode_N_per_mm"]) for row in rows]
+    if len(rows) == 1 or not stiffness[-2] > 0 > stiffness[-1]:
+        rows, stiffness = rows[-1:], stiffness[-1:]
+    elif not stiffness[0] > stiffness[-2]:
+        rows, stiffness = rows[-2:], stiffness[-2:]
+    found = {}
+    for name in (n for n, value in rows[-1].items() if isinstance(value, float)):
+        values = [row[name] for row in rows]
+        at, ends = _at_zero(stiffness, values), sorted(values[-2:])
+        found[name] = at if ends[0] <= at <= ends[-1] else _at_zero(stiffness[-2:], values[-2:])
+    return found
+
+
+def _at_zero(x: Sequence[float], y: Sequence[float]) -> float:
+    """Value at x = 0 of Lagrange's polynomial through points."""
+    weights = [math.prod(b / (b - a) for b in x if b != a) for a in x]
+    return sum(w * value for w, value in zip(weights, y, strict=True))
 
 
 def _losses(run: Run) -> list[CriticalPoint]:
