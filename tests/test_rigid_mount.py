@@ -16,6 +16,7 @@ import pytest
 from conftest import history
 from laminates import config, rows, simulation
 from scipy.spatial.transform import Rotation
+from test_parallel import finish, start
 from watch import At
 
 import dealib
@@ -415,6 +416,32 @@ def test_a_run_goes_on_where_it_was_stopped(tmp_path):
     again = dealib.simulate(case, tmp_path / "run", resume=True).history
     for name in (*KEYS, *FORCES):
         assert again[name].to_numpy() == pytest.approx(whole[name].to_numpy(), abs=1e-12)
+
+
+@pytest.mark.mpi
+def test_two_ranks_share_a_mount_and_its_modes(tmp_path):
+    """A column that is twisted, and pressed until it buckles."""
+    press = {
+        **{"stage": "press", "mounts": {"plate.X": {"displacement": "-0.04 mm"}}, "steps": 2},
+        **{"turns": {"plate.about_X": {"rotation": "20 deg"}}},
+    }
+    mesh = {"columns": 12, "sectors": 2, "film_rows": 2}
+    given = shaft(20.0, 0.5, [press], height=0.3, mesh=mesh, output={"modes": 2})
+    path = tmp_path / "column.yaml"
+    path.write_text(resolved(given))
+    one = dealib.simulate(path, tmp_path / "one")
+    code, errors = finish(start(2, "-m", "dealib", "run", path, "--out", tmp_path / "two"))
+    assert code == 0, errors
+    two = dealib.open(tmp_path / "two")
+    assert two.info["ranks"] == 2
+    assert one.history["unstable_modes"].tolist() == two.history["unstable_modes"].tolist()
+    assert one.history["unstable_modes"].iloc[-1] > 0
+    for name in ("softest_mode_N_per_mm", "force_N.plate.X", "moment_Nmm.plate.about_X"):
+        wanted = one.history[name].to_numpy()
+        size = np.abs(wanted).max()
+        assert two.history[name].to_numpy() == pytest.approx(wanted, abs=1e-7 * size)
+    lost = int(np.flatnonzero(one.history["unstable_modes"])[0])
+    assert two.modes(lost)[0] == pytest.approx(one.modes(lost)[0], abs=1e-5)
 
 
 @pytest.mark.parametrize(
