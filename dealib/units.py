@@ -37,6 +37,8 @@ DIMENSIONS = {
     "electric field": ("kV/mm", "80 V/um"),
     "resistance": ("Gohm", "10 kohm"),
     "rate": ("1/s", "0.01 1/s"),
+    "angle": ("rad", "10 deg"),
+    "moment": ("Nmm", "5 N mm"),
 }
 
 # the usual units, internal unit -> factors: with them alone a config needs no pint (0.3 s)
@@ -53,6 +55,9 @@ USUAL = {
     "Gohm": {"Gohm": 1.0, "Mohm": 1e-3, "kohm": 1e-6, "ohm": 1e-9},
     "kV/mm": {"kV/mm": 1.0, "V/um": 1.0, "MV/m": 1.0},
     "1/s": {"1/s": 1.0},
+    "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180},
+    "deg": {"deg": 1.0, "°": 1.0, "rad": 180 / math.pi},
+    "Nmm": {"N m": 1e3, "Nm": 1e3, "Nmm": 1.0, "N mm": 1.0, "mN m": 1.0, "mN mm": 1e-3},
 }
 
 # letters with powers of at most one digit, multiplied and divided
@@ -68,7 +73,9 @@ def _registry() -> pint.UnitRegistry:
     import pint  # 0.3 s: only once an unusual unit is read
 
     # no cache on disk: pint's remembers where it was installed, and fails once that is gone
-    return pint.UnitRegistry()
+    found: pint.UnitRegistry = pint.UnitRegistry()
+    found.define("Nmm = newton * millimeter")
+    return found
 
 
 def parse(text: object, dimension: str) -> float:
@@ -241,6 +248,8 @@ if TYPE_CHECKING:
     ElectricField: TypeAlias = float
     Resistance: TypeAlias = float
     Rate: TypeAlias = float
+    Angle: TypeAlias = float
+    Moment: TypeAlias = float
 else:
     Length, Time, Force, Mass, Stress = map(
         _quantity, ("length", "time", "force", "mass", "stress")
@@ -249,3 +258,4 @@ else:
         _quantity, ("stiffness", "voltage", "charge", "volume")
     )
     ElectricField, Resistance, Rate = map(_quantity, ("electric field", "resistance", "rate"))
+    Angle, Moment = map(_quantity, ("angle", "moment"))

@@ -23,7 +23,7 @@ from dealib.errors import ConfigError, NotConverged
 from dealib.materials import thickness_stretch
 from dealib.program.follow import LIMIT_POINT
 from dealib.report import facts
-from dealib.results.summary import critical_points
+from dealib.results.critical import critical_points
 from dealib.units import EPSILON_0
 
 NEO, MOONEY, GENT = block.mooney_rivlin_of(0.0), block.mooney_rivlin_of(0.2), block.gent_of(20.0)

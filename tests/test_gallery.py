@@ -46,7 +46,9 @@ Array = npt.NDArray[np.float64]
 
 DEVICES = {
     "annulus_with_chamber", "balloon", "cone", "diaphragm_pump", "expanding_circle",
+    "positioning_stage",  # in test_rigid_mount.py
     "pure_shear_strip", "segmented_annulus", "stack", "tube", "unimorph_bender",
+    "wrinkling_film",  # in test_stability.py
 }  # fmt: skip
 EPS = 4.7 * EPS0  # N/kV^2
 SOFT = neo_hooke(0.02)  # of most devices

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from dealib.device.records import CHAMBER, MOUNT
+from dealib.device.records import CHAMBER, MOUNT, TURN
 from dealib.errors import ConfigError
 from dealib.observe.quantities import Column, columns
+from dealib.results.critical import critical_points
 from dealib.results.cycles import cycles
 from dealib.results.reader import Run
-from dealib.results.summary import VERDICTS, actuations, alarms, critical_points, margins
+from dealib.results.summary import VERDICTS, actuations, alarms, margins
 from dealib.units import counted, neat
 
 _COLOURS = dict(zip(VERDICTS, (typer.colors.RED, typer.colors.YELLOW), strict=True))
@@ -26,7 +27,7 @@ def summary(run: Run) -> str:
     h = run.history
     info = run.info
     known = [c for c in columns(run.config).values() if c.name in h]
-    mounts = {v.name for kind in (MOUNT, CHAMBER) for v in kind.variables}
+    mounts = {v.name for kind in (MOUNT, TURN, CHAMBER) for v in kind.variables}
     rows = [(c.label, _range(h, c)) for c in known if c.quantity.label in mounts or c.probe]
     for a in actuations(run):
         kept = f" ({a.kept})" if a.kept else ""

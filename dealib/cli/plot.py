@@ -67,10 +67,12 @@ def _figure(
 ) -> tuple[Any, str]:
     """The figure and the name of its file."""
     if field is not None or profiles or revolved:
-        from dealib.plots.shape import Shape, typical_step
+        from dealib.plots.shape import Shape, step_of
         from dealib.results import quantities
 
-        shape = Shape(runs[0], typical_step(runs[0]) if step is None else step)
+        what = quantities.quantity(field or "E", runs[0].config.device.kinematics)
+        step = step_of(runs[0], what) if step is None else step
+        shape = Shape(runs[0], step, mode=what.field if what.is_mode else "")
         if profiles:
             from dealib.plots.profiles import draw_profiles
 
@@ -79,7 +81,6 @@ def _figure(
             chosen = [quantities.quantity(name, space, "profile", charge) for name in profiles]
             name = "+".join(q.name for q in chosen)
             return draw_profiles(shape, chosen), f"profile-{name}-step{shape.step:05d}"
-        what = quantities.quantity(field or "E", shape.kinematics)
         from dealib.plots.views import draw_field, draw_revolved
 
         draw, kind = (draw_revolved, "revolved") if revolved else (draw_field, "field")

@@ -73,6 +73,10 @@ def not_iterative(config: Config) -> str:
         return "only without air"
     if any(stage.follow is not None for stage in config.program):
         return "no stage may follow a branch, on which the body is unstable"
+    if config.output.modes:
+        return "without output.modes, which factorises each tangent"
+    if any(port.rigid for port in device.ports):
+        return "no mount may be rigid"
     if any(port.along not in device.kinematics.axes for port in device.of(MOUNT)):
         return "mounts only along an axis"
     chambers = {port.name for port in device.of(CHAMBER)}

@@ -15,16 +15,19 @@ from dealib.device.device import Device
 from dealib.device.records import KINDS, PortKind
 from dealib.errors import ValueAt, did_you_mean
 from dealib.section import OneOf, Section
-from dealib.units import Charge, Stress, Time, Voltage, Volume, list_of
+from dealib.units import Angle, Charge, Moment, Stress, Time, Voltage, Volume, list_of
 
 if TYPE_CHECKING:
     Voltages: TypeAlias = tuple[float, ...]
     Charges: TypeAlias = tuple[float, ...]
     Pressures: TypeAlias = tuple[float, ...]
     Volumes: TypeAlias = tuple[float, ...]
+    Angles: TypeAlias = tuple[float, ...]
+    Moments: TypeAlias = tuple[float, ...]
 else:
     Voltages, Charges = list_of(Voltage), list_of(Charge)
     Pressures, Volumes = list_of(Stress), list_of(Volume)
+    Angles, Moments = list_of(Angle), list_of(Moment)
 
 Path_: TypeAlias = tuple[str | int, ...]
 
@@ -95,8 +98,15 @@ class ChamberInput(_Port):
         return [] if self.gas is not None else super().polylines
 
 
+class TurnInput(_Port):
+    """What turns a rigid mount, one of: a value to ramp to, or a list over the stage."""
+
+    rotation: Angles | None = Field(None, description="prescribed component of the rotation vector")
+    moment: Moments | None = Field(None, description="prescribed, about the centre")
+
+
 ELEMENT: TypeAdapter[Element | Gas] = TypeAdapter(Element | Gas)
-Input: TypeAlias = MountInput | TerminalInput | ChamberInput
+Input: TypeAlias = MountInput | TerminalInput | ChamberInput | TurnInput
 
 
 class Stage(Section):
@@ -111,6 +121,7 @@ class Stage(Section):
     mount: MountInput | None = Field(None, description="unchanged if not given")
     terminal: TerminalInput | None = Field(None, description="unchanged if not given")
     chamber: ChamberInput | None = Field(None, description="unchanged if not given")
+    turn: TurnInput | None = Field(None, description="unchanged if not given")
     mounts: dict[str, MountInput] | None = Field(
         None, description="where there are several: by name"
     )
@@ -119,6 +130,9 @@ class Stage(Section):
     )
     chambers: dict[str, ChamberInput] | None = Field(
         None, description="where there are several: by name"
+    )
+    turns: dict[str, TurnInput] | None = Field(
+        None, description="where there are several: by name, such as PLATE.about_Z"
     )
     stop_when: tuple[Condition, ...] = Field(
         (), description="ends the stage at a state that meets one"

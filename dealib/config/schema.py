@@ -179,6 +179,14 @@ class Output(Section):
     fields: Literal["every", "stage", "none"] = Field(
         "every", description="store fields each step, at the end of each stage, or never"
     )
+    modes: int = Field(
+        0,
+        ge=0,
+        le=9,
+        description="watch stability: the history tells the softest mode, and where the device "
+        "buckles or wrinkles, so many of the softest modes are stored; costs about two iterations "
+        "a step",
+    )
 
 
 class Config(Section):
@@ -314,6 +322,8 @@ class Config(Section):
         if self.tables is not None:
             self.tables.check(self)
         check_branches(self)
+        if self.output.modes and self.physics.coupling != "energy":
+            raise ValueAt(("output", "modes"), "needs physics.coupling: energy")
         check_second_films(self)
 
     def _one_ladder(self) -> None:

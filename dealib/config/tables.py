@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from dealib.device.records import KINDS
 from dealib.errors import ValueAt
 from dealib.section import Section
-from dealib.units import Length, Stress, Voltage
+from dealib.units import Angle, Length, Stress, Voltage
 
 Points = Annotated[int, Field(ge=3)]
 _POINTS = (13, 9, 7)  # of the first axis, the second and the third, unless given
@@ -35,6 +35,9 @@ class Tables(Section):
     )
     pressure: tuple[Stress, Stress] | dict[str, tuple[Stress, Stress]] | None = Field(
         None, description="of the chamber, or of chambers by name: first and last"
+    )
+    rotation: tuple[Angle, Angle] | dict[str, tuple[Angle, Angle]] | None = Field(
+        None, description="of the turn, or of turns by name: first and last"
     )
     points: tuple[Points, ...] | None = Field(
         None,

@@ -14,7 +14,9 @@ from dealib.device.records import (
     CHAMBER,
     MOUNT,
     PHI,
+    RIGID,
     TERMINAL,
+    TURN,
     Port,
     Region,
     Support,
@@ -78,6 +80,21 @@ class _Parts:
             if axis not in self.kinematics.axes:
                 known = ", ".join(self.kinematics.axes)
                 raise ValueAt(where, f"there is no axis {axis!r} here; known: {known}")
+
+    def check_rigid(self, mount: Mount, where: Path_) -> None:
+        """Raise `ValueAt` if a mount cannot be rigid here."""
+        problem = ""
+        if self.kinematics.revolved:
+            problem = "an axisymmetric device moves along Z only; give `along: Z`, or space: 3d"
+        elif self.kinematics.multiple != 1 and self.kinematics.dim == 3:
+            problem = "it would turn out of the planes of geometry.symmetry; leave these out"
+        elif any(region.air for region in self.regions):
+            problem = "only without air around the device"
+        if problem:
+            raise ValueAt((*where, "rigid"), problem)
+        if mount.centre is not None and len(mount.centre) != self.kinematics.dim:
+            axes = ", ".join(self.kinematics.axes)
+            raise ValueAt((*where, "centre"), f"expected one coordinate for each of {axes}")
 
 
 def device(
@@ -225,18 +242,28 @@ def _driven(
     for name, mount in mounts.items():
         where = ("mounts", name)
         parts.check(mount.on, (*where, "on"))
-        parts.check_axes([mount.along], (*where, "along"))
+        if mount.along is None:
+            parts.check_rigid(mount, where)
+        else:
+            parts.check_axes([mount.along], (*where, "along"))
         parts.check_axes(mount.free, (*where, "free"))
         for part in mount.on:
             other = next((moved[part, a] for a in axes if (part, a) in moved), None)
             if other is not None:
                 problem = f"{part!r} is a part of mount {other!r} already"
                 raise ValueAt((*where, "on"), problem)
+            if mount.along is None:
+                moved |= {(part, axis): name for axis in axes}
+                supports += [Support(axis, part, name, RIGID) for axis in axes]
+                continue
             moved[part, mount.along] = name
             held = [a for a in axes if a != mount.along and a not in mount.free]
             supports += [Support(axis, part) for axis in held]
             supports.append(Support(mount.along, part, name, MOUNT.name))
-        ports.append(Port(MOUNT, name, mount.on, along=mount.along, mass=mount.mass))
+        if mount.along is None:
+            ports += _six(name, mount, parts.kinematics)
+        else:
+            ports.append(Port(MOUNT, name, mount.on, along=mount.along, mass=mount.mass))
     for k, hold in enumerate(holds):
         parts.check(hold.on, ("holds", k, "on"))
         parts.check_axes(hold.fix, ("holds", k, "fix"))
@@ -283,6 +310,17 @@ def _driven(
         parts.check_axes([along], ("chambers", name, "along"))
         ports.append(Port(CHAMBER, name, chamber.on, along=along))
     return supports, tuple(_numbered(ports))
+
+
+def _six(name: str, mount: Mount, kinematics: Kinematics) -> Iterator[Port]:
+    """The ports of a rigid mount; in a plane it turns about the axis across it."""
+    turns = kinematics.axes if kinematics.dim == 3 else ("Y",)
+    named = [(MOUNT, f"{name}.{axis}", axis) for axis in kinematics.axes]
+    named += [(TURN, f"{name}.about_{axis}", axis) for axis in turns]
+    for kind, port, axis in named:
+        mass = mount.mass if kind == MOUNT else 0.0
+        centre = mount.centre or ()
+        yield Port(kind, port, mount.on, along=axis, mass=mass, rigid=name, centre=centre)
 
 
 def _numbered(ports: list[Port]) -> Iterator[Port]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 PHI = "phi"  # the potential, beside the axes' names of displacements
@@ -65,7 +66,14 @@ CHAMBER = PortKind(
     Variable("volume", "mm3", "volume"),
     -1.0,
 )
-KINDS = {kind.name: kind for kind in (MOUNT, TERMINAL, CHAMBER)}
+TURN = PortKind(
+    "turn",
+    Variable("rotation", "deg", "angle", 180 / math.pi),
+    Variable("moment", "Nmm", "moment"),
+    1.0,
+)
+RIGID = "rigid"  # kind of a support that follows a rigid mount
+KINDS = {kind.name: kind for kind in (MOUNT, TERMINAL, CHAMBER, TURN)}
 KIND_OF = {variable.name: kind for kind in KINDS.values() for variable in kind.variables}
 
 
@@ -78,9 +86,11 @@ class Port:
         name: Its name.
         on: Regions and boundaries that it takes hold of.
         suffix: Of its columns: '.NAME' where a device has several of its kind.
-        along: Axis of a mount's motion, or of a chamber's walls.
+        along: Axis of a mount's motion, of a turn, or of a chamber's walls.
         mass: Of a rigid mount, kg.
         floating: Whether it is a conductor that nothing is connected to: without charge.
+        rigid: Name of the rigid mount that it belongs to, if it does.
+        centre: Of that, mm; empty: the middle of the box around it.
     """
 
     kind: PortKind
@@ -90,6 +100,8 @@ class Port:
     along: str = ""
     mass: float = 0.0
     floating: bool = False
+    rigid: str = ""
+    centre: tuple[float, ...] = ()
 
     def column(self, variable: Variable) -> str:
         """Column of one of its variables in the history."""
@@ -131,8 +143,8 @@ class Support:
     Attributes:
         quantity: Displacement by its axis, such as 'Z', or `PHI`.
         where: Name of the region or boundary.
-        port: Name of the port whose value they take; empty: they are zero.
-        kind: Its kind.
+        port: Name of the port whose value they take, or of a rigid mount; empty: they are zero.
+        kind: Its kind, or `RIGID`.
     """
 
     quantity: str

@@ -18,12 +18,16 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx import mesh as dmesh
 
-from dealib.device.records import PHI, TERMINAL, Support
+from dealib.device.records import MOUNT, PHI, RIGID, TERMINAL, Support
 from dealib.errors import ValueAt
-from dealib.fem.domain import Domain, Spaces
+from dealib.fem import compat
+from dealib.fem.domain import Domain, Spaces, node_positions
+from dealib.fem.platform import Platform
+from dealib.results.elements import Cell
 
 FIELDS = ("displacement", "potential", "air mesh", "pressure")
 _FREE, _ZERO, _FIRST_PORT = 0, 1, 2
+_FIRST_RIGID = -1  # and below: rigid mounts
 
 Ints = npt.NDArray[np.int32]
 
@@ -41,6 +45,7 @@ class ConstraintMap:
         field: Index into `FIELDS` of each owned free unknown.
         ports: Global reduced index of each port.
         free: Local degrees of freedom of the free unknowns, in order.
+        platforms: Rigid mounts, whose degrees of freedom have no column.
         owned: Number of reduced unknowns on this rank; the ports are the last of rank 0.
     """
 
@@ -53,13 +58,27 @@ class ConstraintMap:
     owned: int
     free: Ints
     _port_of: dict[str, Ints]
+    platforms: tuple[Platform, ...] = ()
 
-    def expand(self, q: Any, w: Any) -> None:
-        """Set the function w = T q, ghosts included."""
+    def expand(self, q: Any, w: Any, at: dict[str, float] | None = None) -> None:
+        """Set the function w = T q, ghosts included.
+
+        Args:
+            q: The reduced vector.
+            w: The function.
+            at: Of a rate or a mode: values of the ports in the state that it is of.
+        """
         ports = self.port_values(q)
         w.x.array[self.free] = q.array_r[: len(self.free)]
         for name, dofs in self._port_of.items():
             w.x.array[dofs] = ports[name]
+        for platform in self.platforms:
+            if at is None:
+                moved = platform.displacements(ports)
+            else:
+                rates = np.array([ports[name] for name in platform.ports])
+                moved = rates @ platform.directions(at)
+            w.x.array[platform.dofs] = moved
         w.x.scatter_forward()
 
     def restrict(self, w: Any, q: Any, ports: dict[str, float]) -> None:
@@ -114,12 +133,17 @@ def build(domain: Domain, spaces: Spaces) -> ConstraintMap:
     index_map = W.dofmap.index_map
     owned, total = index_map.size_local, index_map.size_local + index_map.num_ghosts
     names = [port.name for port in device.ports]
+    rigid = list(dict.fromkeys(port.rigid for port in device.ports if port.rigid))
 
     kind = np.full(total, _FREE, dtype=np.int32)
     supports = [s for s in device.supports if s.quantity != PHI or not device.kinematics.sheet]
     for support in supports:
         dofs = _support_dofs(domain, spaces, support)
-        target = _FIRST_PORT + names.index(support.port) if support.port else _ZERO
+        target = _ZERO
+        if support.kind == RIGID:
+            target = _FIRST_RIGID - rigid.index(support.port)
+        elif support.port:
+            target = _FIRST_PORT + names.index(support.port)
         if support.quantity == PHI:
             _check_apart(domain, support, kind[dofs], target)
         kind[dofs] = target
@@ -167,6 +191,47 @@ def build(domain: Domain, spaces: Spaces) -> ConstraintMap:
             name: np.flatnonzero(kind[:owned] == _FIRST_PORT + i).astype(np.int32)
             for i, name in enumerate(names)
         },
+        platforms=tuple(
+            _platform(domain, spaces, name, kind == _FIRST_RIGID - k)
+            for k, name in enumerate(rigid)
+        ),
+    )
+
+
+def _platform(domain: Domain, spaces: Spaces, name: str, mine: Any) -> Platform:
+    """A rigid mount of some local degrees of freedom (collective)."""
+    kinematics, W = domain.device.kinematics, spaces.W
+    ports = [port for port in domain.device.ports if port.rigid == name]
+    cell = Cell(compat.cell_name(domain.mesh), spaces.order)
+    nodes = node_positions(domain, cell).reshape(-1, kinematics.dim)
+    space = ["XYZ".index(axis) for axis in kinematics.axes]
+    dofs, component, at = [], [], []
+    for k, axis in enumerate(space):
+        every = compat.cell_dofs(W.sub(0).sub(k))[:, cell.basix_order].ravel()
+        found, first = np.unique(every, return_index=True)
+        chosen = mine[found]
+        dofs.append(found[chosen])
+        component.append(np.full(chosen.sum(), axis))
+        at.append(nodes[first[chosen]])
+    x = np.concatenate(at)
+    centre = np.array(ports[0].centre)
+    if not len(centre):
+        ends = np.full((2, len(space)), -np.inf)
+        if len(x):
+            ends[:] = x.max(axis=0), -x.min(axis=0)
+        domain.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
+        centre = (ends[0] - ends[1]) / 2
+    arms = np.zeros((len(x), 3))
+    arms[:, space] = x - centre
+    shifts = [port for port in ports if port.kind == MOUNT]
+    return Platform(
+        tuple(port.name for port in ports),
+        tuple("XYZ".index(port.along) for port in ports),
+        len(shifts),
+        np.concatenate(dofs),
+        np.concatenate(component),
+        arms,
+        centre,
     )
 
 

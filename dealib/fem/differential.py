@@ -11,7 +11,7 @@ from petsc4py import PETSc
 import numpy as np
 import numpy.typing as npt
 
-from dealib.device.records import CHAMBER, MOUNT, TERMINAL
+from dealib.device.records import CHAMBER, MOUNT, TERMINAL, TURN
 from dealib.fem.linear import set_options
 from dealib.fem.newton import Newton
 from dealib.fem.problem import Problem
@@ -43,6 +43,7 @@ def _size(problem: Problem, kind: str) -> float:
     sizes = problem.domain.sizes
     return {
         MOUNT.name: sizes.thickness,
+        TURN.name: sizes.thickness / sizes.span,
         TERMINAL.name: 1.0,
         CHAMBER.name: problem.config.film.shear_modulus_at_rest * sizes.thickness / sizes.span,
     }[kind]

@@ -18,10 +18,12 @@ from dealib.config.schema import Config
 from dealib.device.device import Device
 from dealib.device.gmsh_model import gmsh_model
 from dealib.device.gmsh_model import save as write_mesh
+from dealib.device.kinematics import SheetKinematics
 from dealib.device.laminate import JOIN
 from dealib.device.records import Sizes
 from dealib.errors import ConfigError, DealibError
 from dealib.fem import compat
+from dealib.results.elements import Cell
 
 Ints = npt.NDArray[np.int32]
 Groups = tuple[tuple[str, ...], ...]  # of regions that share an energy
@@ -153,6 +155,15 @@ class Spaces:
     w: Any
     order: int
     pressure_element: Any = None
+
+
+def node_positions(domain: Domain, cell: Cell) -> Any:
+    """Coordinates of the nodes of each local cell in the space's axes, (cells, nodes, axes), mm."""
+    mesh, kinematics = domain.mesh, domain.device.kinematics
+    shape = Cell(cell.name, compat.geometry_order(mesh))
+    at = mesh.geometry.x[compat.cell_nodes(mesh)[:, shape.basix_order]]
+    nodes = np.asarray(shape.shape(cell.nodes)[0] @ at[..., : len(kinematics.lies)])
+    return kinematics.positions(nodes) if isinstance(kinematics, SheetKinematics) else nodes
 
 
 def build_domain(config: Config, comm: MPI.Comm, save: Path | None = None) -> Domain:

@@ -12,8 +12,8 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
-from dealib.device.kinematics import SheetKinematics
 from dealib.fem import compat
+from dealib.fem.domain import node_positions
 from dealib.fem.groups import Group
 from dealib.fem.potential import Problem
 from dealib.results.elements import Cell
@@ -66,12 +66,7 @@ class Layout:
         if spaces.pressure_element is not None:
             basis = compat.tabulate(spaces.pressure_element, cell.nodes)
             pressure = (compat.cell_dofs(W.sub(2)), basis)
-        geometry = compat.cell_nodes(mesh)
-        shape = Cell(name, compat.geometry_order(mesh))
-        at = mesh.geometry.x[geometry[:, shape.basix_order]][..., : len(kinematics.lies)]
-        nodes = np.asarray(shape.shape(cell.nodes)[0] @ at)
-        if isinstance(kinematics, SheetKinematics):
-            nodes = kinematics.positions(nodes)
+        nodes = node_positions(domain, cell)
         rows, groups = _rows(problem)
         owned = rows < compat.local_cells(mesh)
         total = comm.allreduce(compat.local_cells(mesh), op=MPI.SUM)

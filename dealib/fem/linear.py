@@ -59,7 +59,7 @@ def set_linear_solver(snes: Any, system: System, symmetric: bool) -> str:
     Where the body is stable, its tangent is definite in the displacement and negative definite in
     the potential. Such a matrix has an LDL^T in any order of its unknowns (R. J. Vanderbei, SIAM J.
     Optim. 5 (1995) 100), so that pivots need not be sought. The mixed form has no such blocks, and
-    branches that are followed lead through unstable states.
+    branches that are followed and modes that are watched lead through unstable states.
 
     Returns:
         What it is, for the log.
@@ -92,8 +92,8 @@ def set_linear_solver(snes: Any, system: System, symmetric: bool) -> str:
     kind, body = "lu", _MUMPS | {"pc_type": "lu"}
     if symmetric and problem.coupling.symmetric and not whole:
         kind, body = "ldl", _MUMPS | {"pc_type": "cholesky"}
-        followed = any(stage.follow is not None for stage in config.program)
-        if config.physics.formulation == "displacement" and not followed:
+        leaves = config.output.modes or any(s.follow is not None for s in config.program)
+        if config.physics.formulation == "displacement" and not leaves:
             kind, body = "definite", body | _DEFINITE
     name = {"lu": "LU"}.get(kind, "LDL^T")
     if whole or not problem.mesh_motion:
@@ -127,11 +127,32 @@ def factorisation_seconds() -> float:
     return float(sum(event.getPerfInfo()["time"] for event in events))
 
 
-def inertia(system: System) -> tuple[int, int, int]:
-    """Numbers of negative, zero and positive eigenvalues of the tangent at the current q.
+class Factor:
+    """LDL^T of a symmetric matrix with pivoting, which need not be definite.
 
-    Prescribed ports count as positive. With one-way air the air's mesh is held where it is,
-    since the body feels it by discretisation error only, and counts as positive too.
+    Attributes:
+        inertia: Numbers of its negative, zero and positive eigenvalues.
+        solve: Solves with it: right-hand side, solution.
+    """
+
+    def __init__(self, matrix: Any) -> None:
+        set_options(_PREFIX, _INERTIA_OPTIONS)
+        solver = PETSc.PC().create(matrix.comm)
+        solver.setOptionsPrefix(_PREFIX)
+        solver.setType("cholesky")
+        solver.setFactorSolverType("mumps")
+        solver.setOperators(matrix)
+        solver.setUp()
+        negative, zero, positive = solver.getFactorMatrix().getInertia()
+        self.inertia = int(negative), int(zero), int(positive)
+        self.solve = solver.apply
+
+
+def fixed_tangent(system: System) -> Any:
+    """A copy of the tangent at the current q, with the air's mesh held where it is.
+
+    Prescribed ports, and with one-way air its mesh, which the body feels by discretisation error
+    only, have rows of the identity.
 
     Raises:
         ValueError: If the coupling has no potential, so that its tangent is not symmetric.
@@ -143,15 +164,7 @@ def inertia(system: System) -> tuple[int, int, int]:
     matrix = system.matrix.copy()
     matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
     matrix.zeroRowsColumns(system.map.numbers("air mesh"), 1.0)
-    set_options(_PREFIX, _INERTIA_OPTIONS)
-    solver = PETSc.PC().create(matrix.comm)
-    solver.setOptionsPrefix(_PREFIX)
-    solver.setType("cholesky")
-    solver.setFactorSolverType("mumps")
-    solver.setOperators(matrix)
-    solver.setUp()
-    negative, zero, positive = solver.getFactorMatrix().getInertia()
-    return int(negative), int(zero), int(positive)
+    return matrix
 
 
 def set_options(prefix: str, options: dict[str, Any]) -> None:

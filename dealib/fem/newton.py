@@ -14,11 +14,18 @@ from petsc4py import PETSc
 import numpy as np
 
 from dealib.config.schema import Config
-from dealib.device.records import CHAMBER, MOUNT, TERMINAL
+from dealib.device.records import CHAMBER, MOUNT, TERMINAL, TURN
 from dealib.errors import NotConverged
 from dealib.fem.compat import DIVERGED_NAN, free
 from dealib.fem.constraints import FIELDS
-from dealib.fem.linear import factorisation_seconds, inertia, set_linear_solver, set_options
+from dealib.fem.linear import (
+    Factor,
+    factorisation_seconds,
+    fixed_tangent,
+    set_linear_solver,
+    set_options,
+)
+from dealib.fem.modes import Modes, softest
 from dealib.fem.problem import Problem
 from dealib.fem.system import System, Timings
 
@@ -92,6 +99,7 @@ class Newton:
         self._tolerance = solver.tolerance * Scales.of(problem).array()
         self._port_tolerance = solver.tolerance
         scale = dict(zip((MOUNT, TERMINAL, CHAMBER), self._tolerance[[0, 1, 3]], strict=True))
+        scale[TURN] = scale[MOUNT] * problem.domain.sizes.span
         self._dual_tolerance = {p.name: scale[p.kind] for p in problem.device.ports}
         thickness = problem.domain.sizes.thickness
         modulus = problem.config.film.shear_modulus_at_rest
@@ -201,21 +209,27 @@ class Newton:
         return found
 
     def inertia(self) -> tuple[int, int, int]:
-        """See `dealib.fem.linear.inertia`, at the current q."""
-        return inertia(self.system)
+        """Numbers of negative, zero and positive eigenvalues of the tangent at the current q."""
+        return Factor(fixed_tangent(self.system)).inertia
 
     def unstable_modes(self) -> int:
-        """Number of independent motions that lower the potential, under the ports' equations.
+        """Number of independent motions that lower the potential, under the ports' equations."""
+        return self.inertia()[0] - self._concave()
 
-        The potential is concave in phi and in the pressure: of the tangent's negative eigenvalues
-        each free unknown of these accounts for one, and the rest are those of the condensed
-        mechanical tangent (Haynsworth, Linear Algebra Appl. 1 (1968) 73).
+    def softest_modes(self, count: int) -> Modes:
+        """See `dealib.fem.modes.softest`, at the current q."""
+        return softest(self.system, self._concave(), count)
+
+    def _concave(self) -> int:
+        """Number of unknowns in which the potential is concave: phi and the pressure.
+
+        Of the tangent's negative eigenvalues each free one accounts for one, and the rest are those
+        of the condensed mechanical tangent (Haynsworth, Linear Algebra Appl. 1 (1968) 73).
         """
         system = self.system
         mine = sum(len(system.map.numbers(field)) for field in ("potential", "pressure"))
         free = (p for p in system.problem.device.ports if system.ports[p.name].value is None)
-        concave = system.map.comm.allreduce(mine) + sum(p.kind.sign < 0 for p in free)
-        return int(self.inertia()[0] - concave)
+        return int(system.map.comm.allreduce(mine) + sum(p.kind.sign < 0 for p in free))
 
     def response(self, port: str) -> Any:
         """Rate of q as the right-hand side of a port's equation grows, at the current state."""

@@ -111,6 +111,11 @@ class Problem:
         """Whether the tangent is: one potential, and no air, whose mesh moves one-way."""
         return self.coupling.symmetric and not self.mesh_motion
 
+    @cached_property
+    def direction(self) -> Any:
+        """A displacement, for the form 'along'."""
+        return fem.Function(self.spaces.W)
+
     @property
     def sheets(self) -> list[tuple[Group, Sheet]]:
         """The layers of a sheet."""
@@ -251,6 +256,8 @@ class Problem:
 
         Args:
             name: 'elastic', 'electric' (energies); 'locked' (area near a law's limit);
+                'along' (the tangent's product with `direction`);
+                'mounted' (volume of what carries stress), 'product' (of displacements over it);
                 'residual', 'tangent' (of both, coupled); 'mesh_residual', 'mesh_tangent' (of the
                 air's fictitious elasticity); 'dual PORT', 'column PORT', 'corner PORT PORT' (first
                 and second derivatives of the potential by the values of ports in `values`).
@@ -263,6 +270,11 @@ class Problem:
         W, w = self.spaces.W, self.spaces.w
         if name == "locked":
             return compat.form(self._locked_volume())
+        if name == "mounted":
+            return compat.form(self._mounted(1.0))
+        if name == "product":
+            u, v = (ufl.split(f(W))[0] for f in (ufl.TestFunction, ufl.TrialFunction))
+            return compat.form(self._mounted(ufl.dot(u, v)))
         if name in ("elastic", "electric", "wrinkled"):
             found = self.sheet.energy(name) if self.sheet else self.potential(getattr(self, name))
             return compat.form(found)
@@ -276,6 +288,8 @@ class Problem:
             found = made[kind](*ports)
             return compat.form(found) if found else None
         test, trial = ufl.TestFunction(W), ufl.TrialFunction(W)
+        if name == "along":
+            name, trial = "tangent", self.direction
         if name.startswith("mesh") and not self.mesh_motion:
             return None
         parts = self.mesh_motion if name.startswith("mesh") else self.body + self.electric
@@ -354,6 +368,10 @@ class Problem:
             for part in self.solids
             if part.law.locks
         )
+
+    def _mounted(self, density: Any) -> Any:
+        """Integral over the mounted volume of what carries stress."""
+        return _sum(self.over(group.name, density) for group in self.groups if group.material)
 
     def set_prestretch(self, fraction: float) -> None:
         """Pre-stretch the body by a fraction (0: none, 1: all) of the config's pre-stretches."""

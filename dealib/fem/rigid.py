@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from dealib.device.kinematics import Kinematics
-from dealib.device.records import MOUNT
+from dealib.device.records import MOUNT, TURN
 from dealib.fem.layout import Layout
 from dealib.fem.problem import Problem
 
@@ -28,12 +28,14 @@ def unheld(problem: Problem, layout: Layout, loaded: set[str]) -> str:
         loaded: Mounts whose position is not prescribed; their parts still move as one.
     """
     names = _names(problem.kinematics)
-    map_, ports = problem.constraints, {p.name for p in problem.device.of(MOUNT)}
+    map_, ports = problem.constraints, {p.name for p in problem.device.of(MOUNT) if not p.rigid}
     first = {map_.ports[name]: name for name in ports}
     held, apart = np.zeros((len(names), len(names))), dict[str, list[Array]]()
+    held += _by_platforms(problem, names, loaded)
+    platforms = np.concatenate([np.empty(0, int), *(p.dofs for p in map_.platforms)])
     for dofs, values in _motions(problem, layout):
         columns = map_.columns[dofs]
-        fixed = values[columns < 0]
+        fixed = values[(columns < 0) & ~np.isin(dofs, platforms)]
         held += fixed.T @ fixed
         for number, name in first.items():
             part = values[columns == number]
@@ -51,6 +53,29 @@ def unheld(problem: Problem, layout: Layout, loaded: set[str]) -> str:
     if values[0] > _HELD * max(values[-1], 1e-300):
         return ""
     return names[int(np.abs(vectors[:, 0]).argmax())]
+
+
+def _by_platforms(problem: Problem, names: list[str], loaded: set[str]) -> Array:
+    """How rigid mounts hold the motions by those of their ports that are not loaded.
+
+    A force or a moment that is given leaves its own motion free, and its part moves as one anyway.
+    """
+    held = np.zeros((len(names), len(names)))
+    if problem.domain.comm.rank > 0:
+        return held
+    for port in problem.device.ports:
+        if not port.rigid or port.name in loaded:
+            continue
+        motion = np.array([float(name.endswith(port.along)) for name in names])
+        kind = "about" if port.kind == TURN else "along"
+        row = motion * [name.startswith(kind) for name in names]
+        if port.kind == MOUNT:  # where its centre is, turns of the whole device move it too
+            (platform,) = (p for p in problem.constraints.platforms if port.name in p.ports)
+            centre = platform.centre / problem.domain.sizes.span
+            turns = _turns(centre[None])[0][:, problem.kinematics.axes.index(port.along)]
+            row[len(names) - len(turns) :] += turns
+        held += np.outer(row, row)
+    return held
 
 
 def _names(kinematics: Kinematics) -> list[str]:

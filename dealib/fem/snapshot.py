@@ -16,6 +16,7 @@ from dealib.device.device import Device
 from dealib.device.records import TERMINAL, Port
 from dealib.fem.differential import capacitance_matrix, condensed, port_stiffness
 from dealib.fem.films import FilmPoints
+from dealib.fem.modes import Modes
 from dealib.fem.newton import Newton
 from dealib.fem.probes import Probes
 from dealib.fem.viscous import Viscosity
@@ -159,6 +160,11 @@ class Snapshot:
         names = [port.name for port in self.device.of(TERMINAL)]
         found = capacitance_matrix(self.newton)
         return {(a, b): found[i, j] for i, a in enumerate(names) for j, b in enumerate(names)}
+
+    @cached_property
+    def modes(self) -> Modes:
+        """The softest modes, as many as `output.modes` asks for (collective)."""
+        return self.newton.softest_modes(self.config.output.modes)
 
     @cached_property
     def stiffness(self) -> Array:

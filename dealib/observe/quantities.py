@@ -13,7 +13,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from dealib.device.device import Device
-from dealib.device.records import CHAMBER, KINDS, MOUNT, TERMINAL, Port, PortKind
+from dealib.device.records import CHAMBER, KINDS, MOUNT, TERMINAL, TURN, Port, PortKind
 from dealib.errors import ValueAt
 from dealib.materials.laws import LAWS
 from dealib.materials.response import softens
@@ -126,6 +126,8 @@ _TENSION_FIELD = Need(
 )
 _TAUT = Need("physics.wrinkling: taut", lambda c: c.physics.wrinkling == "taut")
 _FOLLOW = Need("a stage with follow", lambda c: any(s.follow is not None for s in c.program))
+_WATCHED = Need("output.modes above 0", lambda c: c.output.modes > 0)
+_COUNTED = Need(f"{_WATCHED.text}, or {_FOLLOW.text}", lambda c: _WATCHED.has(c) or _FOLLOW.has(c))
 
 
 # --- measures ------------------------------------------------------------------------------------
@@ -192,6 +194,10 @@ def _power(s: Snapshot) -> float:
     return 0.0 if s.viscosity is None else float(s.viscosity.power)
 
 
+def _softest(s: Snapshot) -> float:
+    return float(s.modes.stiffness[0])
+
+
 def _of_ports() -> Iterator[Quantity]:
     for kind in KINDS.values():
         for variable, measure in zip(kind.variables, (_primal, _dual), strict=True):
@@ -251,7 +257,7 @@ QUANTITIES: tuple[Quantity, ...] = (
     Q("dissipated_power_mW", "mW", "dissipated power", _power, _BRANCHES),
     *(
         Q(f"{kind.name}_work_mJ", "mJ", f"work of the {kind.name}", kind=kind)
-        for kind in (MOUNT, TERMINAL, CHAMBER)
+        for kind in (MOUNT, TERMINAL, CHAMBER, TURN)
     ),
     Q(
         *("wrinkled_area_mm2", "mm2", "wrinkled area as mounted"),
@@ -259,7 +265,8 @@ QUANTITIES: tuple[Quantity, ...] = (
         _TENSION_FIELD,
     ),
     Q("energy_residual_mJ", "mJ", "energy residual"),
-    Q("unstable_modes", "", "unstable modes", needs=_FOLLOW),
+    Q("softest_mode_N_per_mm", "N/mm", "stiffness of the softest mode", _softest, _WATCHED),
+    Q("unstable_modes", "", "unstable modes", needs=_COUNTED),
     Q("limit_point", "", "limit point", needs=_FOLLOW),
     Q("bifurcation", "", "bifurcation", needs=_FOLLOW),
 )

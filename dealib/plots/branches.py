@@ -44,7 +44,7 @@ def draw_history(axis: Any, history: pandas.DataFrame, x: str, y: str, **style: 
         label = None if not unstable[first] else label
     colour = style.get("color", "C0")
     for column, (mark, _) in _POINTS.items():
-        at = history[column].to_numpy() > 0
+        at = history.get(column, 0 * history[y]).to_numpy() > 0
         axis.plot(xs[at], ys[at], mark, ms=7, mfc="none", mec=colour, zorder=4)
 
 
@@ -57,5 +57,5 @@ def key(histories: Iterable[pandas.DataFrame], colour: str) -> list[Any]:
     return found + [
         Line2D([], [], ls="", marker=mark, ms=7, mfc="none", mec=colour, label=name)
         for column, (mark, name) in _POINTS.items()
-        if any(h[column].any() for h in drawn)
+        if any(column in h and h[column].any() for h in drawn)
     ]

@@ -7,7 +7,7 @@ import re
 from dealib.results.summary import MARGINS
 
 # SI prefix and unit; '_per_' divides: field_max_MV_per_m
-_UNIT = r"[fpnumkMG]?(?:m|s|g|N|V|C|F|J|W|A|Pa|Hz|ohm)[23]?"
+_UNIT = r"(?:[fpnumkMG]?(?:m|s|g|N|V|C|F|J|W|A|Pa|Hz|ohm)[23]?|deg|Nmm)"
 _SUFFIX = re.compile(rf"(?P<name>\w+?)_(?P<unit>{_UNIT}(?:_per_{_UNIT})?)")
 
 _NAMES = {
@@ -20,6 +20,7 @@ _NAMES = {
     "mount_work": "Work at the mount",
     "terminal_work": "Work at the terminal",
     "chamber_work": "Work at the chamber",
+    "turn_work": "Work of the turn",
     "energy_residual": "Energy balance residual",
     "tension_min": "Smallest tension, thickness average",
     "rc_time": "Slowest time constant of the electrodes",
@@ -28,7 +29,7 @@ _NAMES = {
 _KINDS = {
     "mm": "Length", "N": "Force", "kV": "Voltage", "µC": "Charge", "pF": "Capacitance",
     "mJ": "Energy", "mW": "Power", "MV/m": "Field", "MPa": "Stress", "s": "Time",
-    "kPa": "Pressure", "mm³": "Volume",
+    "kPa": "Pressure", "mm³": "Volume", "deg": "Angle", "Nmm": "Moment",
 }  # fmt: skip
 
 

@@ -25,6 +25,8 @@ from dealib.results.summary import (
     voltages,
 )
 
+_MODE = 0.08  # height of a mode over the length
+
 
 def index_of(run: Run, step: int) -> int:
     """Position among the stored steps of a step of the history (-1 is the last stored one).
@@ -55,6 +57,15 @@ def typical_step(run: Run) -> int:
     return int(h["step"][chosen].iloc[int(size[chosen].argmax())])
 
 
+def step_of(run: Run, what: Quantity) -> int:
+    """The stored step that shows a quantity best: of modes the first that has them."""
+    if what.is_mode:
+        for index, step in enumerate(run.stored_steps):
+            if run.modes(index) is not None:
+                return step
+    return typical_step(run)
+
+
 def _check_stored(run: Run) -> None:
     if not run.stored_steps:
         raise ConfigError(
@@ -71,10 +82,11 @@ class Shape:
         run: The run.
         step: Step of the history; negative ones count back from the last stored one.
         n: Parts into which the cells are cut, a side.
+        mode: A field, such as 'mode', which is drawn as a part of the displacement.
     """
 
-    def __init__(self, run: Run, step: int = -1, n: int = 4) -> None:
-        self.run, self._n = run, n
+    def __init__(self, run: Run, step: int = -1, n: int = 4, mode: str = "") -> None:
+        self.run, self._n, self._mode = run, n, mode
         self.index = index_of(run, step)
         self.step = run.stored_steps[self.index]
         self.row: Any = run.history.set_index("step", drop=False).loc[self.step]
@@ -96,8 +108,11 @@ class Shape:
 
     @property
     def displacement(self) -> Array:
-        """Nodal displacement by axis, mm."""
-        return self.arrays["u"][:, : self.kinematics.dim]
+        """Nodal displacement by axis, mm; with a mode as high as a share of the length."""
+        u = self.arrays["u"]
+        if self._mode in self.arrays:
+            u = u + _MODE * self.length * self.arrays[self._mode]
+        return u[:, : self.kinematics.dim]
 
     @property
     def points(self) -> Array:

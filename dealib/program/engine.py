@@ -8,12 +8,15 @@ from typing import Any
 
 from mpi4py import MPI
 
+import numpy as np
+
 from dealib.config.follow import partner
 from dealib.config.schema import Config
-from dealib.device.records import MOUNT
+from dealib.device.records import MOUNT, TURN
 from dealib.errors import ConfigError, ValueAt
 from dealib.fem.films import field_normals
 from dealib.fem.layout import Layout
+from dealib.fem.modes import Modes
 from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem
 from dealib.fem.rigid import unheld
@@ -82,7 +85,8 @@ class Engine:
     def check_held(self, at: float) -> None:
         """Raise `ValueAt` if the whole device could move as a rigid body (collective)."""
         device = self.problem.device
-        laws = {port.name: law(self.progress.drives[port.name], at) for port in device.of(MOUNT)}
+        moved = (*device.of(MOUNT), *device.of(TURN))
+        laws = {port.name: law(self.progress.drives[port.name], at) for port in moved}
         loaded = {n for n, found in laws.items() if found.value is None and not found.elements}
         if motion := unheld(self.problem, self.layout, loaded):
             raise ValueAt(
@@ -98,6 +102,24 @@ class Engine:
             port.name: (system.values[port.name], port.kind.sign * system.internal[port.name])
             for port in self.problem.device.ports
         }
+
+    def mode_shapes(self, modes: Modes) -> Any:
+        """Displacements of modes of the present state on rank 0, (modes, nodes, axes) (collective).
+
+        The longest displacement of each is 1; its largest component is positive.
+        """
+        system, found = self.newton.system, []
+        for shape in modes.shapes:
+            mode = system.q.duplicate()
+            mode.array[:] = shape[slice(*mode.getOwnershipRange())]
+            system.map.expand(mode, self.problem.spaces.w, system.values)
+            nodal = self.layout.gather()
+            if nodal is not None:
+                u = nodal[:, : self.problem.kinematics.dim]
+                u *= np.sign(u.flat[np.abs(u).argmax()])
+                found.append(u / np.linalg.norm(u, axis=1).max())
+        system.expand(system.q)
+        return np.array(found) if found else None
 
     def restore(self, saved: Checkpoint) -> None:
         """Take up a saved state (collective).
@@ -135,7 +157,9 @@ class Engine:
 
     def plain(self) -> dict[str, Any]:
         """What a checkpoint holds besides the states (collective)."""
-        free, of = self.problem.values, self.newton.system.map.port_values
+        map_ = self.newton.system.map
+        of = map_.port_values
+        free = {*self.problem.values, *(port for p in map_.platforms for port in p.ports)}
         ports = [  # of those that no degree of freedom follows
             {name: value for name, value in of(known.q).items() if name in free} if free else {}
             for known in self.predictor.path

@@ -31,11 +31,15 @@ class State:
         row: The history's row.
         end_of_stage: Whether it ends a stage.
         engine: Where it came from; holds the fields until the next state is asked for.
+        lost: Whether it has more unstable modes than the state before it.
+        modes: Then, displacements of the softest modes on rank 0, (modes, nodes, axes).
     """
 
     row: dict[str, Any]
     end_of_stage: bool
     engine: Engine
+    lost: bool = False
+    modes: Any = None
 
     @alone()
     def nodal(self) -> Any:
@@ -91,6 +95,10 @@ class History:
         of, p = self._engine, self._engine.progress
         row, snapshot, p.work = self._measure(stage, at, more)
         met = self._met(stage, row)
+        modes, before = None, (p.row or {}).get("unstable_modes", 0)
+        lost = of.config.output.modes > 0 and row["unstable_modes"] > before
+        if lost:
+            modes = of.mode_shapes(snapshot.modes)
         p.step, p.time, p.row, p.ports = p.step + 1, at, row, of.port_pairs()
         keep(p.worst, snapshot.peaks, row, of.problem.kinematics.axes)
         self._stability.see(row, snapshot)
@@ -100,7 +108,7 @@ class History:
             found = {key: row[key] for key in ("step", "time_s", "stage")}
             p.stops.append({**found, "when": met[0].when, "ends": ends})
             log.info("%s ends the %s at step %d", met[0].when, ends, row["step"])
-        return State(row, last or bool(met), of)
+        return State(row, last or bool(met), of, lost, modes)
 
     def _measure(self, stage: Stage, at: float, more: dict[str, Any]) -> _Measured:
         of, p = self._engine, self._engine.progress
@@ -108,6 +116,8 @@ class History:
         snapshot = Snapshot(of.newton, self._films, self._probes, of.viscosity)
         for column in self._measured:
             row[column.name] = column.measure(snapshot)
+        if of.config.output.modes:
+            row["unstable_modes"] = snapshot.modes.unstable
         work = replace(p.work, done=dict(p.work.done))
         stored = row["elastic_energy_mJ"] + row["electric_energy_mJ"]
         lost = row.get("dissipated_energy_mJ", 0.0)

@@ -73,6 +73,8 @@ class PortVariable:
         return {
             "displacement": sizes.span,
             "force": problem.force_scale,
+            "rotation": 1.0,
+            "moment": problem.force_scale * sizes.span,
             "voltage": volts,
             "charge": problem.charge_scale * volts,
             "pressure": modulus * sizes.thickness / sizes.span,

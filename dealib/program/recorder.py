@@ -42,13 +42,15 @@ class Recorder:
     def see(self, state: State) -> None:
         """See `Observer`."""
         begin = time.perf_counter()
-        stored = self._wanted == "every" or (self._wanted == "stage" and state.end_of_stage)
+        ends = state.end_of_stage or state.lost
+        stored = self._wanted == "every" or (self._wanted == "stage" and ends)
         nodal, internal, values = state.nodal(), state.internal(), state.engine.plain()
         if self._writer is not None:
             viscosity = state.engine.viscosity
             at_gauss = None if viscosity is None else viscosity.at_points(internal)
             keep = state.engine.predictor.memory
-            self._writer.add(Record(state.row, nodal, stored, values, keep, internal, at_gauss))
+            kept = (nodal, stored, values, keep, internal, at_gauss, state.modes)
+            self._writer.add(Record(state.row, *kept))
         self._timings["output"] += time.perf_counter() - begin
 
     def wait(self) -> None:

@@ -27,9 +27,11 @@ from dealib.program.simulation import Simulation, State
 from dealib.program.turns import alone
 from dealib.results import store
 from dealib.results.beside import Beside
+from dealib.results.critical import lost_at
 from dealib.results.reader import Run
 from dealib.results.summary import SYMBOLS
 from dealib.results.writer import StepWriter
+from dealib.units import counted
 from dealib.versions import versions
 
 log = logging.getLogger(__name__)
@@ -59,6 +61,8 @@ class Log:
             "%d cells, %d unknowns, %d ranks", cells, simulation.unknowns, simulation.comm.size
         )
         log.info("linear solver: %s", simulation.engine.newton.linear_solver)
+        row = simulation.progress.row
+        self._rows = [] if row is None else [row]
         if simulation.progress.step >= 0:
             log.info("resumed after step %d", simulation.progress.step)
 
@@ -68,6 +72,16 @@ class Log:
         for kind in ("limit_point", "bifurcation"):
             if state.row.get(kind):
                 log.info("step %d is a %s", state.row["step"], kind.replace("_", " "))
+        if state.lost:
+            at = lost_at([*self._rows[-2:], state.row])
+            log.warning(
+                "%s loses its stability at %s, before step %d (%s), which has %s; the softest "
+                "modes are fields of that step (dealib plot --field mode)",
+                "another mode" if self._rows and self._rows[-1]["unstable_modes"] else "the device",
+                *(ports_told(at, ".5g"), state.row["step"], state.row["stage"]),
+                counted(state.row["unstable_modes"], "unstable mode"),
+            )
+        self._rows = [*self._rows[-1:], state.row]
 
     def stop(self, error: BaseException | None) -> None:
         """See `Observer`."""

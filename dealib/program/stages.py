@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -107,7 +108,7 @@ def follow(of: Engine, history: History, stage: Stage) -> Iterator[State]:
                     _where(p.branch, pair),
                 )
             p.branch.done |= full
-            yield State(state.row, p.branch.done, of)
+            yield replace(state, end_of_stage=p.branch.done)
     except NotConverged as error:
         raise NotConverged(
             f"stage {stage.stage!r} stopped at {_where(p.branch, pair)}: {error}; "

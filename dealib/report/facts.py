@@ -18,16 +18,10 @@ from dealib.device.records import TERMINAL, Port
 from dealib.device.shapes import LaminateShape
 from dealib.errors import ConfigError
 from dealib.observe.quantities import Column, columns
+from dealib.results.critical import critical_points
 from dealib.results.cycles import cycles
 from dealib.results.reader import Run
-from dealib.results.summary import (
-    actuations,
-    critical_points,
-    moment,
-    motion,
-    stored_note,
-    voltages,
-)
+from dealib.results.summary import actuations, moment, motion, stored_note, voltages
 from dealib.units import neat, write
 
 if TYPE_CHECKING:

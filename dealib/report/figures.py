@@ -17,7 +17,7 @@ from dealib.plots.labels import label, plain, split
 from dealib.plots.limits import uses
 from dealib.plots.mesh import draw_mesh
 from dealib.plots.profiles import draw_profiles
-from dealib.plots.shape import Shape, typical_step
+from dealib.plots.shape import Shape, step_of, typical_step
 from dealib.plots.style import Theme, save, theme
 from dealib.plots.views import draw_field
 from dealib.results.quantities import SURFACE_CHARGE, Quantity, main_stress, quantity
@@ -88,6 +88,10 @@ def _fields(run: Run) -> dict[str, Picture]:
     charged = bool(under_voltage(run.history)[run.history["step"] == shape.step].all())
     whats = shown(run)[not charged :]
     found = {what.name: both(partial(draw_field, shape, what), "png") for what in whats}
+    mode = quantity("mode", shape.kinematics)
+    bent = Shape(run, step_of(run, mode), mode=mode.field)
+    if mode.field in bent.arrays:
+        found[mode.name] = both(partial(draw_field, bent, mode), "png")
     if shape.core is None:
         return found
     lines = [SURFACE_CHARGE, whats[charged]][not charged :]

@@ -21,7 +21,8 @@ def _captions(run: Run) -> dict[str, str]:
     with suppress(ConfigError):  # damaged states, which have no pictures
         for q in figures.shown(run):
             found[q.name] = f"{q.label.partition(' ' + q.name[0] + '$')[0]} {q.name}."
-    return found | {"E": "Electric field at the largest voltage of a stored state."}
+    found["E"] = "Electric field at the largest voltage of a stored state."
+    return found | {"mode": "The softest mode where stability is lost, of any height."}
 
 
 def render(run: Run) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dealib.device.records import CHAMBER, KIND_OF, MOUNT, TERMINAL, PortKind
+from dealib.device.records import CHAMBER, KIND_OF, MOUNT, TERMINAL, TURN, PortKind
 from dealib.results import stages
 from dealib.results.reader import Run
 
@@ -148,6 +148,6 @@ def _cycle(history: pandas.DataFrame, device: Device, name: str, first: int, las
         int(part["step"].iloc[0]),
         int(part["step"].iloc[-1]),
         *flows(TERMINAL),
-        *flows(MOUNT, CHAMBER),
+        *flows(MOUNT, TURN, CHAMBER),
         0.0 if lost is None else float(lost.iloc[-1] - lost.iloc[0]),
     )

@@ -23,6 +23,14 @@ def fields(
     return Fields(config, mesh)(state, internal)
 
 
+def named(modes: Array | None) -> dict[str, Array]:
+    """Modes as fields 'mode', 'mode2', ..., (nodes, 3)."""
+    found = {}
+    for k, u in enumerate(() if modes is None else modes, start=1):
+        found["mode" + (str(k) if k > 1 else "")] = np.pad(u, ((0, 0), (0, 3 - u.shape[1])))
+    return found
+
+
 class Fields:
     """Derives the nodal fields of states; what is the same in all of them is found once.
 

@@ -45,6 +45,11 @@ class Quantity:
         return self.name in MARGINS
 
     @property
+    def is_mode(self) -> bool:
+        """Whether it is the shape of a mode."""
+        return self.field.startswith("mode")
+
+    @property
     def of_solids(self) -> bool:
         """Whether only regions that carry stress have it."""
         return self.field in ("second_pk_stress", "cauchy_stress")
@@ -71,7 +76,11 @@ class Quantity:
             ConfigError: If the run has no such field.
         """
         if self.field not in arrays:
-            why = "its config sets no limit" if self.is_use else "it is that of a tension field"
+            why = "it is that of a tension field"
+            if self.is_use:
+                why = "its config sets no limit"
+            elif self.is_mode:
+                why = "modes are those of a step at which stability is lost, with output.modes"
             raise ConfigError(f"{self.name}: the run has no such field; {why}")
         values = arrays[self.field]
         if self.component is not None:
@@ -105,6 +114,9 @@ def quantities(kinematics: Kinematics) -> dict[str, Quantity]:
             Quantity(f"{key}_{c}", f"{label} {key}$_{c}$", unit, field, (k,), factor)
             for k, c in enumerate(kinematics.axes)
         ]
+    for k in range(1, 10):
+        name = "mode" + (str(k) if k > 1 else "")
+        found.append(Quantity(name, f"Mode {k}: displacement over the largest", "", name))
     letters = [c[0].upper() for c in kinematics.components]
     pairs = [(k, k) for k in range(3)] + list(combinations(range(kinematics.dim), 2))
     for key, symbol, label, field in (

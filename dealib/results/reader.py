@@ -259,6 +259,13 @@ class Run:
         """C_i of Maxwell branches at the index-th stored step (see `fields`); None without."""
         return self._stored("internal", index)
 
+    def modes(self, index: int = -1) -> Array | None:
+        """Softest modes, (modes, nodes, axes), if the device has lost its stability at this step.
+
+        It is the index-th stored one. The longest displacement of each mode is 1.
+        """
+        return self._stored("modes", index)
+
     def _stored(self, group: str, index: int) -> Array | None:
         steps = self.stored_steps
         try:
@@ -273,14 +280,15 @@ class Run:
     def arrays(self, index: int = -1) -> dict[str, Array]:
         """All nodal fields of the index-th stored step.
 
-        Those of `dealib.results.fields`, and the film's margins (see `dealib.results.margins`).
+        Those of `dealib.results.fields`, the film's margins (see `dealib.results.margins`), and
+        where stability is lost the softest modes, 'mode', 'mode2', ...
         """
         from dealib.results import margins
-        from dealib.results.fields import fields
+        from dealib.results.fields import fields, named
 
         state = self.state(index)
         internal = self.internal(index)
-        found = fields(self.config, self.mesh, state, internal)
+        found = fields(self.config, self.mesh, state, internal) | named(self.modes(index))
         return found | margins.fields(self.config, self.mesh, state, internal)
 
     def fields(self, index: int = -1) -> pyvista.UnstructuredGrid:

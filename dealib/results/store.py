@@ -9,7 +9,7 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -83,6 +83,8 @@ def _keep(file: Any, name: str, values: npt.NDArray[Any]) -> None:
     file.create_dataset(name, data=values, fletcher32=True)
 
 
+# beside nodal values: C_i of Maxwell branches, as `fields` wants it; modes, (modes, nodes, axes)
+_MORE = ("internal", "modes")
 _CHUNK = 64  # rows of the history that are allocated at a time
 
 
@@ -133,14 +135,14 @@ class StateFile:
         self._write()
 
     def add(
-        self, row: Mapping[str, Any], state: Array | None, internal: Array | None = None
+        self, row: Mapping[str, Any], state: Array | None, more: Mapping[str, Array | None]
     ) -> None:
         """Append a row of the history, and its state if it is to be stored.
 
         Args:
             row: The row.
             state: Nodal values.
-            internal: C_i of Maxwell branches, as `fields` wants it.
+            more: What else there is of it, by the names of `_MORE`.
         """
         for name, value in row.items():
             self._append(name, [value])
@@ -150,9 +152,10 @@ class StateFile:
                 _keep(file, "state", state)
                 file["state"].attrs["time_s"] = row["time_s"]
                 file["state"].attrs["components"] = self._components[: state.shape[1]]
-                if internal is not None:
-                    _keep(file, "internal", internal)
-            self._link_state(name, internal is not None)
+                there = {key: values for key, values in more.items() if values is not None}
+                for key, values in there.items():
+                    _keep(file, key, values)
+            self._link_state(name, there)
         self._write()
 
     def close(self) -> None:
@@ -176,13 +179,13 @@ class StateFile:
                 if int(name) > keep:
                     continue
                 link = file["states"].get(name, getlink=True)
-                viscous = "internal" in file and name in file["internal"]
+                there = [key for key in _MORE if key in file and name in file[key]]
                 if not isinstance(link, h5py.ExternalLink):
                     with new_hdf5(self.folder / f"{name}.h5") as part:
                         file.copy(f"states/{name}", part, name="state")
-                        if viscous:
-                            file.copy(f"internal/{name}", part, name="internal")
-                self._link_state(name, viscous)
+                        for key in there:
+                            file.copy(f"{key}/{name}", part, name=key)
+                self._link_state(name, there)
 
     def _append(self, name: str, values: Any) -> None:
         """Append values to a column of the history."""
@@ -199,10 +202,10 @@ class StateFile:
     def _link(self, name: str, source: str, path: str) -> None:
         self._file[name] = h5py.ExternalLink(f"{STATE_DATA}/{source}", path)
 
-    def _link_state(self, name: str, viscous: bool) -> None:
+    def _link_state(self, name: str, more: Iterable[str]) -> None:
         self._link(f"states/{name}", f"{name}.h5", "/state")
-        if viscous:
-            self._link(f"internal/{name}", f"{name}.h5", "/internal")
+        for key in more:
+            self._link(f"{key}/{name}", f"{name}.h5", f"/{key}")
 
     def _write(self) -> None:
         write_hdf5(self.path, self._file)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dealib.device.records import CHAMBER, MOUNT, TERMINAL
+from dealib.device.records import CHAMBER, MOUNT, TERMINAL, TURN
 from dealib.errors import ConfigError
 from dealib.observe.quantities import columns
 from dealib.results import stages
@@ -54,6 +54,8 @@ def moment(run: Run, row: Mapping[str, Any] | pandas.Series[Any]) -> str:
 SYMBOLS = {
     "displacement_mm": "u",
     "force_N": "F",
+    "rotation_deg": "rot",
+    "moment_Nmm": "M",
     "voltage_kV": "V",
     "charge_uC": "Q",
     "pressure_kPa": "p",
@@ -109,7 +111,11 @@ class Actuation:
 
 _LEAST = 1e-6  # mm, kPa: a port whose value changes less is kept
 # by kind: name of a change of the value, and what is said where there is none
-_STROKE = {MOUNT: ("stroke", "mount held"), CHAMBER: ("pressure change", "pressure constant")}
+_STROKE = {
+    MOUNT: ("stroke", "mount held"),
+    TURN: ("rotation", "turn held"),
+    CHAMBER: ("pressure change", "pressure constant"),
+}
 
 
 def actuations(run: Run) -> list[Actuation]:
@@ -147,80 +153,6 @@ def actuations(run: Run) -> list[Actuation]:
             Actuation(titles[k], peak, f"change of {c.quantity.label}", change(c.name), c.unit)
             for c in probes
         ]
-    return found
-
-
-@dataclass(frozen=True)
-class CriticalPoint:
-    """A special state of a branch that was followed.
-
-    Attributes:
-        stage: Name of the stage, numbered if there are several of it.
-        what: 'limit point' or 'bifurcation'.
-        vary: The variable that was set free, such as 'voltage'.
-        value: Of it, in its unit.
-        unit: kV, uC, mm or N.
-        at: The variable that measures the state, such as displacement: its value.
-        at_unit: Its unit.
-        modes: Number of unstable modes before and after it; none where the branch ends there.
-    """
-
-    stage: str
-    what: str
-    vary: str
-    value: float
-    unit: str
-    at: float
-    at_unit: str
-    modes: tuple[int, int | None]
-
-    @property
-    def name(self) -> str:
-        """Such as 'limit voltage (pull-in)', if stability is lost there."""
-        lost = self.modes[0] == 0 and self.what == "limit point"
-        if not lost:
-            return f"{self.what} of {self.vary}"
-        return f"limit {self.vary}" + (" (pull-in)" if self.vary.startswith("voltage") else "")
-
-    @property
-    def text(self) -> str:
-        """Value, place and stability."""
-        before, after = self.modes
-        change = "" if after is None else f"; unstable modes {before} -> {after}"
-        return f"{self.value:.7g} {self.unit} at {self.at:.6g} {self.at_unit}{change}"
-
-
-def critical_points(run: Run) -> list[CriticalPoint]:
-    """Limit points and bifurcations of the stages that follow a branch, in order."""
-    history, program = run.history, run.config.program
-    if "limit_point" not in history:
-        return []
-    number = stages.numbers(history, program, run.info.get("stops", ()))
-    titles, device = stages.titles(program), run.config.device
-    known = columns(run.config)
-    mounts = [port.column(MOUNT.primal) for port in device.of(MOUNT)]
-    found = []
-    for k in history.index[(history["limit_point"] + history["bifurcation"]) > 0]:
-        row, stage = history.loc[k], number[k]
-        follow = program[stage].follow
-        assert follow is not None
-        column, along = (device.column(name) for name in follow.pair)
-        at = mounts[0] if mounts else along
-        modes = history["unstable_modes"]
-        limit = bool(row["limit_point"])
-        before = int(modes[k] if limit else modes[k - 1])
-        goes_on = k + 1 in modes and number[k + 1] == stage
-        after = (int(modes[k + 1]) if goes_on else None) if limit else int(modes[k])
-        found.append(
-            CriticalPoint(
-                titles[stage],
-                "limit point" if limit else "bifurcation",
-                follow.vary,
-                *(float(row[column]), known[column].unit),
-                *(float(row[at]), known[at].unit),
-                (before, after),
-            )
-        )
     return found
 
 

@@ -12,7 +12,7 @@ from dealib.config.schema import Config
 from dealib.results import paraview, store
 from dealib.results.checkpoint import CheckpointFolder
 from dealib.results.elements import Array
-from dealib.results.fields import Fields
+from dealib.results.fields import Fields, named
 from dealib.results.mesh import ResultMesh
 
 
@@ -47,6 +47,7 @@ class Record:
         keep: How many states a checkpoint keeps.
         internal: Internal state of Maxwell branches, if there are some.
         at_gauss: The same as `fields` wants it.
+        modes: Displacements of modes, where stability is lost, (modes, nodes, axes).
     """
 
     row: dict[str, Any]
@@ -56,6 +57,7 @@ class Record:
     keep: int
     internal: Array | None = None
     at_gauss: Array | None = None
+    modes: Array | None = None
 
 
 class Writer(Protocol):
@@ -98,9 +100,11 @@ class StepWriter:
         begin = time.perf_counter()
         row, state, at_gauss = record.row, record.state, record.at_gauss
         if self._fields is not None and record.stored:
-            self._fields.add(row["step"], row["time_s"], self._derive(state, at_gauss))
+            derived = self._derive(state, at_gauss) | named(record.modes)
+            self._fields.add(row["step"], row["time_s"], derived)
         self._history.add(row)
-        self._states.add(row, state if record.stored else None, at_gauss)
+        more = {"internal": at_gauss, "modes": record.modes}
+        self._states.add(row, state if record.stored else None, more)
         self._checkpoint.write(record.values, self._mesh, state, record.keep, record.internal)
         self.seconds += time.perf_counter() - begin
 

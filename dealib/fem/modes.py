@@ -1,0 +1,108 @@
+"""The softest modes of a state: lowest eigenvalues of its tangent, and their shapes.
+
+Of K u = mu M u, with K the second derivative of the potential and M that of u.u / 2, averaged over
+the mounted volume of what carries stress: mu, in N/mm, is twice the energy that a mode of 1 mm
+(root mean square) takes. M is zero for the potential, the pressure and the ports that no
+displacement follows: the tangent's saddle form eliminates these.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx.fem import petsc as fem_petsc
+
+from dealib.fem.linear import Factor, fixed_tangent
+from dealib.fem.system import System
+
+Array = npt.NDArray[np.float64]
+_BELOW, _WIDER = 2.0, 4.0  # a first shift below the softest mode, and how it grows
+_TOLERANCE = 1e-8  # relative, of 1 / (mu - shift)
+
+
+@dataclass(frozen=True)
+class Modes:
+    """The softest modes of a state.
+
+    Attributes:
+        unstable: Number of independent motions that lower the potential.
+        stiffness: mu of each mode, ascending, N/mm.
+        shapes: Reduced vectors, the same on every rank: (modes, unknowns).
+    """
+
+    unstable: int
+    stiffness: Array
+    shapes: Array
+
+
+def softest(system: System, concave: int, count: int) -> Modes:
+    """The modes of the current state under the ports' equations (collective).
+
+    A shift below the lowest eigenvalue makes that the nearest one. Where there are unstable modes,
+    it is found by the factors' number of negative pivots.
+
+    Args:
+        system: The system.
+        concave: Number of unknowns in which the potential is concave.
+        count: How many modes.
+    """
+    tangent, mass = fixed_tangent(system), _mass(system)
+    factor, shift = Factor(tangent), 0.0
+    unstable, neutral = factor.inertia[0] - concave, factor.inertia[1]
+    if unstable or neutral:
+        ((nearest,), _) = _nearest(factor, mass, shift, 1, "LM")
+        shift = -_BELOW * abs(nearest)
+        while (factor := Factor(tangent - shift * mass)).inertia[0] > concave:
+            shift *= _WIDER
+    stiffness, shapes = _nearest(factor, mass, shift, count, "LA")
+    return Modes(unstable, stiffness, shapes)
+
+
+def _nearest(
+    factor: Factor, mass: Any, shift: float, count: int, which: str
+) -> tuple[Array, Array]:
+    """Eigenvalues nearest to a shift, and their vectors in rows, the same on every rank.
+
+    ARPACK runs on every rank on whole vectors; products and solutions are shared out.
+    """
+    from scipy.sparse.linalg import LinearOperator, eigsh
+
+    comm, (start, end) = mass.comm.tompi4py(), mass.getOwnershipRange()
+    size = mass.getSize()[0]
+    x, y = mass.createVecs()
+
+    def apply(act: Any, whole: Array) -> Array:
+        x.array[:] = np.ravel(whole)[start:end]
+        act(x, y)
+        return np.concatenate(comm.allgather(y.array_r.copy()))
+
+    operators = [
+        LinearOperator((size, size), matvec=lambda v, act=act: apply(act, v), dtype=np.float64)
+        for act in (mass.mult, factor.solve)
+    ]
+    first = np.random.default_rng(1).standard_normal(size)
+    values, vectors = eigsh(
+        operators[0], min(count, size - 1), operators[0], shift, which, first,
+        tol=_TOLERANCE, OPinv=operators[1],
+    )  # fmt: skip
+    order = np.argsort(values)
+    return values[order], vectors[:, order].T
+
+
+def _mass(system: System) -> Any:
+    """M of the reduced unknowns; prescribed ports have none."""
+    problem, map_ = system.problem, system.map
+    matrix = system.matrix.duplicate(copy=False)
+    matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+    matrix.setLGMap(map_.lgmap(map_.physical), map_.lgmap(map_.columns))
+    fem_petsc.assemble_matrix(matrix, problem.form("product"))
+    matrix.assemble()
+    matrix.scale(1 / problem.integrate("mounted"))
+    fixed = [map_.ports[n] for n, law in system.ports.items() if law.fixed]
+    matrix.zeroRowsColumns(fixed if map_.comm.rank == 0 else [], 0.0)
+    return matrix
