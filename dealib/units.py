@@ -75,6 +75,7 @@ def _registry() -> pint.UnitRegistry:
     # no cache on disk: pint's remembers where it was installed, and fails once that is gone
     found: pint.UnitRegistry = pint.UnitRegistry()
     found.define("Nmm = newton * millimeter")
+    found.define("Nm = newton * meter")  # pint's is a number of fibres
     return found
 
 

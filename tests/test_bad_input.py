@@ -356,7 +356,7 @@ EDITS = [
           ("rc_time_us", "1 us", "sensing.sheet_resistance"),
           ("dissipated_energy_mJ", "1 mJ", "a material with branches, mullins or permanent_set"),
           ("dissipated_power_mW", "1 mW", "Maxwell branches, such as materials.film.branches"),
-          ("unstable_modes", "0", "a stage with follow"),
+          ("unstable_modes", "0", "output.modes above 0, or a stage with follow"),
           ("limit_point", "0", "a stage with follow"),
           ("bifurcation", "0", "a stage with follow"))),
     ("condition of the pre-strain", "{stage: prestrain}",

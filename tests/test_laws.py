@@ -21,7 +21,7 @@ from dealib.materials.response import (
     stability_limit,
     stiffness,
 )
-from dealib.results.local import cauchy, second_pk
+from dealib.results.stress import cauchy, second_pk
 
 
 def law(name, **parameters):

@@ -16,7 +16,7 @@ from dealib.cli.app import app
 from dealib.errors import ConfigError
 from dealib.materials.response import stability_limit
 from dealib.observe.quantities import columns
-from dealib.results import local
+from dealib.results import stress
 from dealib.results.elements import Cell
 from dealib.results.margins import fields
 from dealib.results.summary import alarms, margins
@@ -39,7 +39,7 @@ def film(**changes):
 
 
 def deformation(F, e):
-    return local.Deformation(F, np.linalg.det(F), np.linalg.inv(F), e)
+    return stress.Deformation(F, np.linalg.det(F), np.linalg.inv(F), e)
 
 
 def homogeneous(l1, l2, field):

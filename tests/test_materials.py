@@ -8,7 +8,7 @@ from conftest import case
 
 from dealib.materials import invariants_of_stretches, thickness_stretch
 from dealib.materials.laws import MooneyRivlin, NeoHookean
-from dealib.results.local import cauchy, second_pk
+from dealib.results.stress import cauchy, second_pk
 
 NH = NeoHookean(law="neo_hookean", shear_modulus="0.4 MPa", bulk_modulus="20 MPa")
 MR = MooneyRivlin(law="mooney_rivlin", c10="0.25 MPa", c01="-0.05 MPa", bulk_modulus="20 MPa")

@@ -10,7 +10,7 @@ from ufl.algorithms.apply_derivatives import apply_derivatives
 import dealib
 from dealib.config import resolved
 from dealib.fem.energies import Point, StretchedDielectric, density
-from dealib.results import local
+from dealib.results import stress
 from dealib.results.fields import fields
 from dealib.units import EPSILON_0
 
@@ -47,8 +47,8 @@ def test_stress_is_the_derivative_of_the_energy(seed, normal):
         return float(apply_derivatives(apply_algebra_lowering(expression))(()))
 
     derived = np.array([[number(P[i, j]) for j in range(3)] for i in range(3)])
-    material = local.RegionMaterial(None, 3e-5, mounted, -4e-6, normal=normal)
-    k = local.Deformation(F, np.linalg.det(F), np.linalg.inv(F), np.linalg.solve(F.T, E))
+    material = stress.RegionMaterial(None, 3e-5, mounted, -4e-6, normal=normal)
+    k = stress.Deformation(F, np.linalg.det(F), np.linalg.inv(F), np.linalg.solve(F.T, E))
     wanted = k.J * material.electric_stress(k) @ k.inverse.T
     assert np.allclose(derived, wanted, rtol=0, atol=1e-13 * np.abs(wanted).max())
 

@@ -21,7 +21,7 @@ from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem
 from dealib.fem.system import PortLaw, Timings
 from dealib.materials import LAWS, thickness_stretch
-from dealib.results import local
+from dealib.results import stress
 from dealib.units import DIMENSIONS, parse, write
 
 settings.register_profile("dealib", max_examples=50, deadline=None, derandomize=True)
@@ -105,7 +105,7 @@ def test_isotropy(law, F, angle):
 @given(laws)
 def test_rest_is_free_of_energy_and_stress(law):
     assert density(hyperelastic(law), np.eye(3)) == 0
-    assert np.abs(local.second_pk(law, np.eye(3))).max() < 1e-13 * law.shear_modulus_at_rest
+    assert np.abs(stress.second_pk(law, np.eye(3))).max() < 1e-13 * law.shear_modulus_at_rest
     F = ufl.variable(ufl.as_matrix(np.eye(3).tolist()))
     P = ufl.diff(energies.density(hyperelastic(law), point(F)), F)
     stresses = [number(P[i, j]) for i in range(3) for j in range(3)]
@@ -131,7 +131,7 @@ def test_numpy_stress_is_the_derivative_of_the_energy_of_the_forms(law, F, prest
     variable = ufl.variable(ufl.as_matrix(F.tolist()))
     P = ufl.diff(energies.density(hyperelastic(law, prestretch), point(variable)), variable)
     derived = np.array([[number(P[i, j]) for j in range(3)] for i in range(3)])
-    S = local.second_pk(law, F, None if prestretch is None else np.array(prestretch))
+    S = stress.second_pk(law, F, None if prestretch is None else np.array(prestretch))
     assert np.allclose(S, S.T, rtol=0, atol=1e-12 * np.abs(S).max())
     assert np.allclose(derived, F @ S, rtol=0, atol=1e-11 * law.bulk_modulus)
 
@@ -145,14 +145,14 @@ def test_maxwell_stress_is_the_derivative_of_the_electric_energy(F, E_R, E_Z):
     P = ufl.diff(energies.density(energy, point(variable, E)), variable)
     derived = np.array([[number(P[i, j]) for j in range(3)] for i in range(3)])
     e = np.linalg.solve(F.T, E)
-    wanted = np.linalg.det(F) * local.maxwell(permittivity, e) @ np.linalg.inv(F).T
+    wanted = np.linalg.det(F) * stress.maxwell(permittivity, e) @ np.linalg.inv(F).T
     assert np.allclose(derived, wanted, rtol=0, atol=1e-12)
 
 
 @given(laws, stretches, stretches)
 def test_thickness_stretch_leaves_no_thickness_stress(law, radial, hoop):
     F = np.diag([radial, thickness_stretch(law, radial, hoop), hoop])
-    S = local.second_pk(law, F)
+    S = stress.second_pk(law, F)
     assert abs(S[1, 1]) < 1e-11 * law.bulk_modulus
     assert F[1, 1] == pytest.approx(1 / (radial * hoop), rel=0.05)  # nearly isochoric
 

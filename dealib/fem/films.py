@@ -15,7 +15,7 @@ from dealib.fem.groups import Group
 from dealib.fem.layout import Layout
 from dealib.fem.newton import Newton
 from dealib.fem.potential import Problem
-from dealib.results import local
+from dealib.results import local, stress
 from dealib.results.electrodes import Rings
 from dealib.results.elements import Array, gradients
 from dealib.results.margins import Film, layered, mounted_fresh
@@ -72,7 +72,7 @@ class FilmPoints:
         problem: Problem,
         layout: Layout,
         group: Group,
-        material: local.RegionMaterial,
+        material: stress.RegionMaterial,
         normals: Array | None,
     ) -> FilmPoints:
         config, comm = problem.config, problem.domain.comm
@@ -91,7 +91,7 @@ class FilmPoints:
         """Nodal values of the cells in the present state, (cells, nodes, columns)."""
         return self.layout.local()[self.cells]
 
-    def tensions(self, k: local.Deformation, nodal: Array, internal: Array | None) -> Array:
+    def tensions(self, k: stress.Deformation, nodal: Array, internal: Array | None) -> Array:
         """In-plane true stresses (see `Film.tensions`), averaged through a layer's thickness.
 
         Args:
@@ -105,7 +105,7 @@ class FilmPoints:
         found = self.film.tensions(k, self.points.pressure(nodal), internal)
         return found if self.columns is None else self.columns.average(found, k, self._total)
 
-    def rings(self, k: local.Deformation, capacitance: float) -> Rings:
+    def rings(self, k: stress.Deformation, capacitance: float) -> Rings:
         """The film in rings (collective).
 
         Args:

@@ -17,7 +17,7 @@ from dealib.fem.layout import Layout
 from dealib.fem.problem import Problem
 from dealib.fem.viscous import Viscosity
 from dealib.observe.local_quantities import Here, local_quantities
-from dealib.results import local
+from dealib.results import local, stress
 from dealib.results.elements import Array, Cell, determinant
 
 _INSIDE = 1e-9  # how far outside its reference cell a point still counts as inside
@@ -40,7 +40,7 @@ class _Spots:
     reference: Array
     points: local.Points
     weights: Array
-    material: local.RegionMaterial
+    material: stress.RegionMaterial
     group: str
 
 
@@ -106,7 +106,7 @@ class Probes:
 
     def _group_of(
         self, cells: Any, region: str | None = None
-    ) -> list[tuple[str, local.RegionMaterial, Any]]:
+    ) -> list[tuple[str, stress.RegionMaterial, Any]]:
         """Rows of cells by group of regions; of a sheet those of a region, or of one layer."""
         found = []
         for group in self._problem.groups:
@@ -138,7 +138,7 @@ class Probes:
         return found
 
     def _points(
-        self, nodes: Array, reference: Array, material: local.RegionMaterial
+        self, nodes: Array, reference: Array, material: stress.RegionMaterial
     ) -> local.Points:
         kinematics, cell = self._problem.kinematics, self._layout.cell
         return local.Points.of(kinematics, material, cell, nodes, reference)

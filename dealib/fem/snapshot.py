@@ -20,7 +20,7 @@ from dealib.fem.modes import Modes
 from dealib.fem.newton import Newton
 from dealib.fem.probes import Probes
 from dealib.fem.viscous import Viscosity
-from dealib.results import local
+from dealib.results import stress
 from dealib.results.electrodes import Rings
 from dealib.results.elements import Array
 from dealib.results.margins import Film, principal_stretch, smallest
@@ -58,7 +58,7 @@ class FilmState:
         self._internal = None
         if viscosity is not None:
             self._internal = viscosity.of_cells(points.group.name, points.cells)
-        self.k: local.Deformation = points.points.deformation(self._nodal, self._internal)
+        self.k: stress.Deformation = points.points.deformation(self._nodal, self._internal)
 
     @cached_property
     def total(self) -> Array:

@@ -19,8 +19,8 @@ class Here:
     """Points of cells of one material in a state.
 
     Attributes:
-        material: `results.local.RegionMaterial`.
-        k: `results.local.Deformation` there.
+        material: `results.stress.RegionMaterial`.
+        k: `results.stress.Deformation` there.
         u: Displacement, (..., axes), mm.
         phi: Potential, (...), kV.
         pressure: The mixed form's p, (...), MPa, or None.
@@ -44,9 +44,7 @@ class Here:
         """True stress of the material, MPa; zero in air and rigid blocks."""
         if self.material.law is None:
             return np.zeros_like(self.k.F)
-        S = self.material.elastic_stress(self.k, self.pressure, self.internal)
-        F, J = self.k.F, self.k.J[..., None, None]
-        return np.asarray(F @ S @ np.swapaxes(F, -1, -2) / J)
+        return np.asarray(self.material.true_stress(self.k, self.pressure, self.internal))
 
     @property
     def electric(self) -> Array:

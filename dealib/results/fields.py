@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from dealib.config.schema import Config
-from dealib.results import local
+from dealib.results import local, stress
 from dealib.results.elements import Array
 from dealib.results.mesh import Average, Ints, ResultMesh
 
@@ -91,7 +91,7 @@ class Fields:
         return out
 
     def _of(
-        self, material: local.RegionMaterial, block: _Block, state: Array, internal: Array | None
+        self, material: stress.RegionMaterial, block: _Block, state: Array, internal: Array | None
     ) -> dict[str, Array]:
         """Values at the nodes of each cell of a block."""
         nodal, points = state[block.mesh.cells[block.cells]], block.points()
@@ -104,14 +104,15 @@ class Fields:
             eps = self._at_nodes(np.broadcast_to(material.permittivity_at(k), k.J.shape))
             e = self._at_nodes(k.e)
             found["E"], found["D"] = e, eps[..., None] * e
-            found["maxwell_stress"] = local.maxwell(eps, e)
+            found["maxwell_stress"] = stress.maxwell(eps, e)
             if material.slope:
-                more = material.electric_stress(k) - local.maxwell(material.permittivity_at(k), k.e)
+                plain = stress.maxwell(material.permittivity_at(k), k.e)
+                more = material.electric_stress(k) - plain
                 found["maxwell_stress"] += self._at_nodes(more)
         if material.law is not None:
             S = material.elastic_stress(k, points.pressure(nodal), mine)
             found["second_pk_stress"] = self._at_nodes(S)
-            found["cauchy_stress"] = self._at_nodes(local.cauchy(k.F, S))
+            found["cauchy_stress"] = self._at_nodes(stress.cauchy(k.F, S))
         return found
 
     def _at_nodes(self, values: Array) -> Array:
@@ -130,7 +131,7 @@ class _Part:
         average: At their nodes.
     """
 
-    material: local.RegionMaterial
+    material: stress.RegionMaterial
     blocks: list[_Block]
     average: Average
 
@@ -169,9 +170,9 @@ def _bytes(mesh: ResultMesh) -> float:
     return 8.0 * points * (mesh.cells.shape[1] * axes + 60)
 
 
-def _by_material(config: Config, mesh: ResultMesh) -> Iterator[tuple[local.RegionMaterial, Ints]]:
+def _by_material(config: Config, mesh: ResultMesh) -> Iterator[tuple[stress.RegionMaterial, Ints]]:
     """Materials and their cells; regions that share one, as the electrodes do, come together."""
-    found: dict[int, tuple[local.RegionMaterial, list[Ints]]] = {}
+    found: dict[int, tuple[stress.RegionMaterial, list[Ints]]] = {}
     for name, material in local.region_materials(config).items():
         found.setdefault(id(material), (material, []))[1].append(mesh.in_region(name))
     for material, parts in found.values():

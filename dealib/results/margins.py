@@ -17,7 +17,7 @@ from dealib.materials.evolution import identity
 from dealib.materials.laws import Law, invariants_of_stretches
 from dealib.materials.prestretch import bracket
 from dealib.materials.response import curvature, softens, stiffness
-from dealib.results import local
+from dealib.results import local, stress
 from dealib.results.elements import Array
 from dealib.results.mesh import ResultMesh
 from dealib.results.thickness import Columns, edges
@@ -35,7 +35,7 @@ class Film:
         frame: Its directions in the mesh.
     """
 
-    material: local.RegionMaterial
+    material: stress.RegionMaterial
     tension: float
     stiffness: float
     softens: bool
@@ -43,7 +43,7 @@ class Film:
 
     @classmethod
     def of(
-        cls, material: local.RegionMaterial, fresh: bool, frame: local.Frame | None = None
+        cls, material: stress.RegionMaterial, fresh: bool, frame: local.Frame | None = None
     ) -> Film:
         """The film of a material.
 
@@ -81,7 +81,7 @@ class Film:
         return np.sqrt(mean + half), np.sqrt(mean - half)
 
     def tensions(
-        self, k: local.Deformation, pressure: Array | None = None, internal: Array | None = None
+        self, k: stress.Deformation, pressure: Array | None = None, internal: Array | None = None
     ) -> Array:
         """In-plane true stresses of the material plus Maxwell's, (..., 3): 11, 22 and 12, MPa.
 
@@ -91,16 +91,15 @@ class Film:
             internal: What it remembers, packed, (..., entries, 4).
         """
         m = self.material
-        S = m.elastic_stress(k, pressure, internal)
-        stress = local.cauchy(k.F, S) + m.electric_stress(k)
+        total = m.true_stress(k, pressure, internal) + m.electric_stress(k)
         first = local.deformed(k.F, self.frame.a)
         one = first / np.linalg.norm(first, axis=-1)[..., None]
         normal = np.einsum("...ji,...j", k.inverse, np.broadcast_to(self.frame.n, first.shape))
         two = np.cross(normal / np.linalg.norm(normal, axis=-1)[..., None], one)
         pairs = ((one, one), (two, two), (one, two))
-        return np.stack([np.einsum("...i,...ij,...j", x, stress, y) for x, y in pairs], axis=-1)
+        return np.stack([np.einsum("...i,...ij,...j", x, total, y) for x, y in pairs], axis=-1)
 
-    def thickness_stretch(self, k: local.Deformation) -> Array:
+    def thickness_stretch(self, k: stress.Deformation) -> Array:
         """Thickness over the unstretched one: 1 / |F^-T n| since the unstretched state."""
         n = np.einsum("...ji,...j", k.inverse, np.broadcast_to(self.frame.n, k.e.shape))
         rest = np.linalg.norm(self.frame.n * self.material.stretch, axis=-1)
@@ -117,7 +116,7 @@ class Film:
         """
         return np.asarray(1 - smallest(tensions) / self.tension)
 
-    def pull_in(self, k: local.Deformation) -> Array:
+    def pull_in(self, k: stress.Deformation) -> Array:
         """Field over the one at which the film at its present stretches loses stability.
 
         The free energy of an incompressible film in terms of its in-plane stretches and electric
@@ -157,7 +156,7 @@ class Film:
         return np.asarray(self.law.extension(i, self.law.values))
 
 
-def _mounted_tension(material: local.RegionMaterial, fresh: tuple[Branch, ...]) -> float:
+def _mounted_tension(material: stress.RegionMaterial, fresh: tuple[Branch, ...]) -> float:
     """Smaller in-plane stress of the film as it is mounted, MPa.
 
     Args:
@@ -170,21 +169,21 @@ def _mounted_tension(material: local.RegionMaterial, fresh: tuple[Branch, ...]) 
     law, internal = material.law, np.tile(identity(), (len(fresh), 1))
     assert law is not None
 
-    def stress(across: float) -> Array:
+    def principal(across: float) -> Array:
         F = np.diag(np.insert(np.ones(2), material.normal, across))
-        S = local.second_pk(law, F, material.prestretch)
-        S = S + local.networks_pk(fresh, F, internal, material.prestretch)
-        return np.diag(local.cauchy(F, S))
+        S = stress.second_pk(law, F, material.prestretch)
+        S = S + stress.networks_pk(fresh, F, internal, material.prestretch)
+        return np.diag(stress.cauchy(F, S))
 
     def free(across: float) -> float:
-        return float(stress(across)[material.normal])
+        return float(principal(across)[material.normal])
 
     across = 1.0
     if fresh:
         ends = bracket(free, 1.0, 10.0)  # the volume alone sees to both signs
         assert ends is not None
         across = float(brentq(free, *ends, xtol=1e-14))
-    return float(stress(across)[list(material.plane)].min())
+    return float(principal(across)[list(material.plane)].min())
 
 
 def smallest(tensions: Array) -> Array:

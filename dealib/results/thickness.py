@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from dealib.results import local
+from dealib.results import stress
 from dealib.results.elements import Array, Cell, face
 
 
@@ -47,7 +47,7 @@ class Columns:
         return np.asarray((self.edges[1:] + self.edges[:-1]) / 2)
 
     def average(
-        self, values: Array, k: local.Deformation, total: Callable[[Array], Array] = np.asarray
+        self, values: Array, k: stress.Deformation, total: Callable[[Array], Array] = np.asarray
     ) -> Array:
         """Averages over the deformed thickness.
 

@@ -1,0 +1,229 @@
+"""Stresses at points from their deformation and field, in numpy.
+
+Tensors have the components of the device's kinematics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from dealib.materials import Invariants, Law
+from dealib.materials.branches import Branch, Network
+from dealib.materials.evolution import inverted, unpack
+from dealib.materials.softening import Mullins, softening
+from dealib.results.elements import Array, determinant, inverse
+
+
+@dataclass(frozen=True)
+class Deformation:
+    """What follows from the nodal values alone, at points of cells.
+
+    Attributes:
+        F: Deformation gradient from the mesh, (cells, points, 3, 3).
+        J: det F.
+        inverse: F^-1.
+        e: True electric field, (cells, points, 3), kV/mm = MV/m.
+    """
+
+    F: Array
+    J: Array
+    inverse: Array
+    e: Array
+
+
+def second_pk(
+    law: Law,
+    F: Array,
+    prestretch: Array | None = None,
+    pressure: Array | None = None,
+    soften: Callable[[Array], Array] | None = None,
+) -> Array:
+    """Elastic second Piola-Kirchhoff stress per mesh area, S = 2 dW/dC, shape of F.
+
+    Args:
+        law: The law.
+        F: Deformation gradient from the mesh, (..., 3, 3).
+        prestretch: Stretches before the mesh along the components; None for none.
+        pressure: The mixed form's p, of shape F.shape[:-2], in place of the law's dW/dJ, which
+            near incompressibility is rounding error times the bulk modulus.
+        soften: Factor on all but that, from the energy density without its volumetric part.
+    """
+    P = np.ones(3) if prestretch is None else np.asarray(prestretch)
+    total = F * P
+    C = np.swapaxes(total, -1, -2) @ total
+    J = determinant(total)
+    q = J ** (-2 / 3)
+    trace, square = np.trace(C, axis1=-2, axis2=-1), np.einsum("...ij,...ij", C, C)
+    second = (trace * trace - square) / 2
+    hoop = C[..., 2, 2]
+    known = not (C[..., 0, 2].any() or C[..., 1, 2].any())  # it is a principal direction
+    i = Invariants(q * trace, q * q * second, J, q * hoop if known else None)
+    d = _derivatives(law, i)
+    if soften is not None:
+        eta = soften(law.isochoric_energy(i, law.values))
+        d = Invariants(eta * d.I1, eta * d.I2, d.J, eta * d.hoop)
+    # S = unit 1 + inner C^-1 - bend C, and what the last direction adds
+    unit, bend, along = 2 * q * d.I1, 2 * q * q * d.I2, 2 * q * d.hoop
+    inner = (d.J if pressure is None else pressure) * J
+    inner = inner - (unit * trace + bend * 2 * second + along * hoop) / 3
+    S = inner[..., None, None] * inverse(C) - bend[..., None, None] * C
+    diagonal = np.arange(3)
+    S[..., diagonal, diagonal] += (unit + bend * trace)[..., None]
+    S[..., 2, 2] += along
+    return np.asarray(S * (P[:, None] * P / P.prod()))
+
+
+def networks_pk(
+    networks: tuple[Network, ...], F: Array, internal: Array, prestretch: Array | None = None
+) -> Array:
+    """What networks add to the second Piola-Kirchhoff stress per mesh area, shape of F.
+
+    Args:
+        networks: The networks.
+        F: Deformation gradient from the mesh, (..., 3, 3).
+        internal: Their C_i, packed (see `materials.evolution`), (..., entries, 4).
+        prestretch: As for `second_pk`.
+    """
+    P = np.ones(3) if prestretch is None else np.asarray(prestretch)
+    total = F * P
+    C = np.swapaxes(total, -1, -2) @ total
+    C_inverse, S = inverse(C), np.zeros_like(C)
+    scale = determinant(total)[..., None, None] ** (-2 / 3)
+    for k, network in enumerate(networks):
+        inner = unpack(inverted(internal[..., k, :]))
+        trace = np.einsum("...ij,...ij", C, inner)[..., None, None]
+        S += network.shear_modulus * scale * (inner - trace / 3 * C_inverse)
+    return np.asarray(S * (P[:, None] * P / P.prod()))
+
+
+def _derivatives(law: Law, i: Invariants) -> Invariants:
+    """Derivatives of W by complex steps, exact to rounding."""
+    p, h = law.values, 1e-30
+    found = {}
+    for name, value in vars(i).items():
+        if value is None:
+            found[name] = np.zeros(i.J.shape)
+            continue
+        moved: dict[str, Any] = dict(vars(i))  # the others stay real, which is faster
+        moved[name] = moved[name] + 1j * h
+        energy = law.energy(Invariants(**moved), p) + 0j
+        found[name] = np.broadcast_to(np.imag(energy) / h, i.J.shape)
+    return Invariants(**found)
+
+
+def cauchy(F: Array, S: Array) -> Array:
+    """Sigma = F S F^T / J."""
+    return np.asarray(F @ S @ np.swapaxes(F, -1, -2) / determinant(F)[..., None, None])
+
+
+def maxwell(permittivity: float | Array, e: Array) -> Array:
+    """Maxwell stress eps (e (x) e - e.e I / 2), MPa (thesis, section 2.3)."""
+    ee = np.einsum("...i,...j->...ij", e, e)
+    square = np.einsum("...i,...i", e, e)[..., None, None]
+    eps = np.asarray(permittivity)[..., None, None]
+    return np.asarray(eps * (ee - square / 2 * np.eye(3)))
+
+
+@dataclass(frozen=True)
+class RegionMaterial:
+    """What a region is made of, for local quantities.
+
+    Attributes:
+        law: Its law; None for air and rigid blocks.
+        permittivity: eps in N/kV^2; 0 for a conductor.
+        prestretch: Stretches of the mounted state along the components, or None.
+        slope: Change of eps a unit of area stretch, N/kV^2.
+        networks: Its Maxwell branches, and the network of a permanent set.
+        mullins: Its softening.
+        normal: Component across the layer.
+        thickness: Of a sheet's layer as mounted, mm; 0 for a solid.
+    """
+
+    law: Law | None
+    permittivity: float
+    prestretch: Array | None = None
+    slope: float = 0.0
+    networks: tuple[Network, ...] = ()
+    mullins: Mullins | None = None
+    normal: int = 1
+    thickness: float = 0.0
+
+    @property
+    def branches(self) -> tuple[Branch, ...]:
+        """Its Maxwell branches."""
+        return tuple(n for n in self.networks if isinstance(n, Branch))
+
+    @property
+    def remembers(self) -> bool:
+        """Whether its stress depends on what came before."""
+        return bool(self.networks) or self.mullins is not None
+
+    @property
+    def plane(self) -> tuple[int, int]:
+        """Components in the plane of the layer."""
+        first, second = (k for k in range(3) if k != self.normal)
+        return first, second
+
+    @property
+    def stretch(self) -> Array:
+        """Stretches of the mounted state."""
+        return np.ones(3) if self.prestretch is None else self.prestretch
+
+    def area_stretch(self, k: Deformation) -> Array:
+        """Square root of the growth in area of the layer since its unstretched state."""
+        a, b = self.plane
+        area = k.J * np.linalg.norm(k.inverse[..., self.normal, :], axis=-1)
+        return np.asarray(np.sqrt(self.stretch[a] * self.stretch[b] * area))
+
+    def permittivity_at(self, k: Deformation) -> float | Array:
+        """Eps at a deformation, N/kV^2."""
+        if not self.slope:
+            return self.permittivity
+        return np.asarray(self.permittivity + self.slope * self.area_stretch(k))
+
+    def normal_at(self, k: Deformation) -> Array:
+        """Unit normal of the deformed layer, (..., 3)."""
+        n = k.inverse[..., self.normal, :]
+        return np.asarray(n / np.linalg.norm(n, axis=-1)[..., None])
+
+    def electric_stress(self, k: Deformation) -> Array:
+        """All that the field adds to the stress, electrostriction included, MPa.
+
+        With eps = a + slope l, l the area stretch, the energy -(eps/2) J e.e gives
+        -(e.e/2) slope (dl/dF) F^T besides Maxwell's stress, and dl/dF F^T = l/2 (I - n (x) n).
+        """
+        stress = maxwell(self.permittivity_at(k), k.e)
+        if self.slope:
+            n, square = self.normal_at(k), np.einsum("...i,...i", k.e, k.e)
+            in_plane = np.eye(3) - n[..., :, None] * n[..., None, :]
+            size = -square * self.slope * self.area_stretch(k) / 4
+            stress += size[..., None, None] * in_plane
+        return stress
+
+    def true_stress(self, k: Deformation, pressure: Array | None, internal: Array | None) -> Array:
+        """Cauchy stress of law and networks, as `elastic_stress`."""
+        return cauchy(k.F, self.elastic_stress(k, pressure, internal))
+
+    def elastic_stress(
+        self, k: Deformation, pressure: Array | None, internal: Array | None
+    ) -> Array:
+        """Second Piola-Kirchhoff stress of law and networks per mesh area.
+
+        Args:
+            k: Deformation.
+            pressure: The mixed form's p.
+            internal: What it remembers, packed (see `Viscosity.gather`), (..., entries, 4).
+        """
+        assert self.law is not None
+        if internal is None:
+            return second_pk(self.law, k.F, self.prestretch, pressure)
+        soften = None
+        if self.mullins is not None:
+            soften = partial(softening, W_max=internal[..., len(self.networks), 0], p=self.mullins)
+        S = second_pk(self.law, k.F, self.prestretch, pressure, soften)
+        return S + networks_pk(self.networks, k.F, internal, self.prestretch)
