@@ -22,7 +22,7 @@ from dealib.results.sampling import Sampler
 Bodies = list[tuple[Any, str]]  # VTK's data and its colour; empty: the one of its values
 
 _ANGLE, _STEP, _PLAIN_ANGLE = 270.0, 30.0, 60.0  # degrees: of all, less a layer, of what hides
-_PLAIN, _RIGID = "#3b3f52", "#8a939d"  # layers without a field; mount and frame
+CONDUCTORS, _RIGID = "#3b3f52", "#8a939d"  # layers without a field; mount and frame
 _ABOVE = (1.2, -1.6, 1.35)  # direction from which is looked
 _PROBE = (
     "import pyvista as pv; p = pv.Plotter(off_screen=True, window_size=(40, 40));"
@@ -120,7 +120,7 @@ def bodies(shape: Shape, what: Quantity, x: Array, values: Array) -> Bodies:
                 other.point_data["values"] *= sign
                 parts.append(other)
         empty = bool(np.isnan(values[cells]).any())
-        found += [(part, _PLAIN if empty else "") for part in parts]
+        found += [(part, CONDUCTORS if empty else "") for part in parts]
     return found
 
 
@@ -262,7 +262,7 @@ def _turned(shape: Shape, values: Array) -> Bodies:
         angle = _PLAIN_ANGLE if empty and seen else _ANGLE - step * k
         seen = seen or not empty
         body = _revolve(moved[own], part.triangles, values[own], angle)
-        found.append((body, _PLAIN if empty else ""))
+        found.append((body, CONDUCTORS if empty else ""))
     device = shape.run.config.device
     base = None if shape.laminate is None else shape.laminate.base
     if base is None or base.along != "R" or shape.core is None:
