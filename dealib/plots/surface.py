@@ -45,11 +45,7 @@ def patches(shape: Shape, names: Sequence[str], opened: bool, most: int) -> list
 
 
 def _of_solid(shape: Shape, names: Sequence[str], opened: bool, most: int) -> list[Patch]:
-    mesh, laminate = shape.mesh, shape.run.config.device.laminate
-    maps = [np.eye(3)]
-    for axis in laminate.symmetry if laminate else "":
-        mirror = np.eye(3) - 2 * np.diag(np.eye(3)["XYZ".index(axis)])
-        maps += [mirror @ one for one in maps]
+    mesh, maps = shape.mesh, shape.mirrors
     if opened:
         maps = [one for one in maps if one[1, 1] > 0]
     faces, triangles = _faces(mesh.cell)
@@ -60,7 +56,7 @@ def _of_solid(shape: Shape, names: Sequence[str], opened: bool, most: int) -> li
         np.round(middle, 9), axis=0, return_index=True, return_counts=True
     )  # of a sheet all, once where layers lie on each other; of a solid those of one cell
     outer = np.sort(first if mesh.cell.dim == 2 else first[count == 1])
-    if opened and len(maps) in (1, 2) and "Y" not in (laminate.symmetry if laminate else ""):
+    if opened and 1 not in shape.symmetry:
         y = mesh.points[:, 1]
         outer = outer[middle[outer, 1] > (y.min() + y.max()) / 2]
     found = sides[outer][:, triangles]

@@ -11,7 +11,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from dealib.errors import ConfigError, PlatformError
-from dealib.plots.contours import Scale, contours, magnification, scale, scale_note
+from dealib.plots.contours import Scale, contours, magnification, scale
+from dealib.plots.crests import TURN, lines, note, peel
 from dealib.plots.labels import plain
 from dealib.plots.shape import Shape
 from dealib.plots.style import Theme
@@ -21,7 +22,7 @@ from dealib.results.sampling import Sampler
 
 Bodies = list[tuple[Any, str]]  # VTK's data and its colour; empty: the one of its values
 
-_ANGLE, _STEP, _PLAIN_ANGLE = 270.0, 30.0, 60.0  # degrees: of all, less a layer, of what hides
+_PLAIN_ANGLE = 60.0  # degrees of what hides what is drawn
 CONDUCTORS, _RIGID = "#3b3f52", "#8a939d"  # layers without a field; mount and frame
 _ABOVE = (1.2, -1.6, 1.35)  # direction from which is looked
 _PROBE = (
@@ -51,7 +52,12 @@ def check_rendering() -> None:
 
 
 def draw_field(shape: Shape, what: Quantity, look: Theme) -> Any:
-    """Draw a quantity on a device: contours in a plane, views of one in space."""
+    """Draw a quantity on a device: contours in a plane, views of one in space.
+
+    Wrinkles of a body of revolution have directions out of its section: they are drawn in space.
+    """
+    if shape.kinematics.revolved and what.field == "wrinkling":
+        return draw_revolved(shape, what, look)
     return (draw_solid if shape.solid else contours)(shape, what, look)
 
 
@@ -65,11 +71,11 @@ def draw_solid(shape: Shape, what: Quantity, look: Theme) -> Any:
     values, factor = shape.values(what), magnification(shape)
     colours = scale(shape, values, look, what)
     every = bodies(shape, what, shape.moved(factor), values)
-    whole, cut = _opened(every), _half(every)
+    crests = lines(shape, what)
+    whole, cut = _opened(every) + crests, _half(every + crests)
     figure, axes = plt.subplots(1, 2, figsize=(13, 5.2), layout="constrained")
-    for axis, seen, title in zip(
-        axes, (whole, cut), (scale_note(factor), "cut in half"), strict=True
-    ):
+    notes = (note(shape, what, factor), "cut in half")
+    for axis, seen, title in zip(axes, (whole, cut), notes, strict=True):
         axis.imshow(picture(seen, colours, look.paper))
         axis.set_axis_off()
         axis.set_title(title, loc="left")
@@ -103,7 +109,6 @@ def bodies(shape: Shape, what: Quantity, x: Array, values: Array) -> Bodies:
     import pyvista as pv
 
     mesh, found = shape.mesh, []
-    laminate = shape.run.config.device.laminate
     for name in shape.layers:
         cells = mesh.cells[mesh.in_region(name)]
         kinds = np.full(len(cells), mesh.cell.vtk_type, dtype=np.uint8)
@@ -111,8 +116,7 @@ def bodies(shape: Shape, what: Quantity, x: Array, values: Array) -> Bodies:
         part = pv.UnstructuredGrid(rows.ravel(), kinds, x)
         part.point_data["values"] = values
         parts = [part.extract_cells(np.arange(len(cells)))]
-        for axis in laminate.symmetry if laminate else "":
-            k = "XYZ".index(axis)
+        for k in shape.symmetry:
             sign = (-1) ** (what.component or ()).count(k)
             for one in list(parts):
                 other = one.copy()
@@ -211,9 +215,7 @@ class Scene:
         check_rendering()
         self._of, self._style = (shape, what), (colours, look.paper)
         low, high = (np.array(end) for end in span)
-        laminate = shape.run.config.device.laminate
-        for axis_name in laminate.symmetry if laminate else "":
-            k = "XYZ".index(axis_name)
+        for k in shape.symmetry:
             low[k] = -high[k]
         self._within = np.stack([low, high], axis=1).ravel().tolist()
         self._image = axis.imshow(np.zeros((1000, 1900, 3), dtype=np.uint8))
@@ -241,11 +243,12 @@ def draw_revolved(shape: Shape, what: Quantity, look: Theme) -> Any:
     values = shape.values(what)
     colours = scale(shape, values, look, what)
     figure, axis = plt.subplots(figsize=(11, 5.8), layout="constrained")
-    axis.imshow(picture(_turned(shape, values), colours, look.paper))
+    seen = _turned(shape, values) + lines(shape, what)
+    axis.imshow(picture(seen, colours, look.paper))
     axis.set_axis_off()
     colours.bar(figure, what.title, ax=axis, shrink=0.8, pad=0.01)
-    note = scale_note(magnification(shape))
-    axis.set_title(plain(f"{shape.run.title}, {shape.when}\n{note}"), fontsize="medium")
+    told = note(shape, what, magnification(shape))
+    axis.set_title(plain(f"{shape.run.title}, {shape.when}\n{told}"), fontsize="medium")
     return figure
 
 
@@ -253,13 +256,13 @@ def _turned(shape: Shape, values: Array) -> Bodies:
     """The layers, and discs for what holds the ends of a flat laminate."""
     factor = magnification(shape)
     moved, start = shape.moved(factor), 0
-    seen, found, step = False, [], min(_STEP, _ANGLE / 2 / len(shape.layers))
+    seen, found, step = False, [], peel(shape)
     for k, name in enumerate(shape.layers):
         part = Sampler.of(shape.mesh, (name,), n=shape.strips.n)
         own = slice(start, start + len(part.points))
         start = own.stop
         empty = bool(np.isnan(values[own]).any())
-        angle = _PLAIN_ANGLE if empty and seen else _ANGLE - step * k
+        angle = _PLAIN_ANGLE if empty and seen else TURN - step * k
         seen = seen or not empty
         body = _revolve(moved[own], part.triangles, values[own], angle)
         found.append((body, CONDUCTORS if empty else ""))
@@ -278,7 +281,7 @@ def _turned(shape: Shape, values: Array) -> Bodies:
             corners = np.array(
                 [[left, z - half], [right, z - half], [right, z + half], [left, z + half]]
             )
-            rigid = _revolve(corners, np.array([[0, 1, 2], [0, 2, 3]]), np.zeros(4), _ANGLE)
+            rigid = _revolve(corners, np.array([[0, 1, 2], [0, 2, 3]]), np.zeros(4), TURN)
             found.append((rigid, _RIGID))
     return found
 

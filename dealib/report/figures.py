@@ -65,7 +65,7 @@ def pictures(run: Run) -> tuple[dict[str, Picture], list[str]]:
     if len(run.history) > 1:
         found["iterations"] = both(lambda look: _iterations(run), "svg")
     lost = []
-    for draw in (_fields, _mesh):
+    for draw in (_fields, _wrinkles, _mesh):
         try:
             found |= draw(run)
         except (ConfigError, PlatformError) as error:
@@ -105,6 +105,15 @@ def _fields(run: Run) -> dict[str, Picture]:
         return found
     lines = [SURFACE_CHARGE, whats[charged]][not charged :]
     return found | {"profiles": both(lambda look: draw_profiles(shape, lines), "svg")}
+
+
+def _wrinkles(run: Run) -> dict[str, Picture]:
+    """Of a tension field, where the picture of the electric field is, too."""
+    if run.config.physics.wrinkling != "tension_field" or not run.stored_steps:
+        return {}
+    shape = Shape(run, typical_step(run))
+    what = quantity("wrinkling", shape.kinematics)
+    return {"wrinkling": both(partial(draw_field, shape, what), "png")}
 
 
 def _mesh(run: Run) -> dict[str, Picture]:

@@ -21,8 +21,11 @@ def _captions(run: Run) -> dict[str, str]:
     with suppress(ConfigError):  # damaged states, which have no pictures
         for q in figures.shown(run):
             found[q.name] = f"{q.label.partition(' ' + q.name[0] + '$')[0]} {q.name}."
-    found["E"] = "Electric field at the largest voltage of a stored state."
-    return found | {"mode": "The softest mode where stability is lost, of any height."}
+    return found | {
+        "E": "Electric field at the largest voltage of a stored state.",
+        "wrinkling": "Wrinkling: the share by which the film is longer than its smooth surface.",
+        "mode": "The softest mode where stability is lost, of any height.",
+    }
 
 
 def _view(run: Run) -> dict[str, Any]:
