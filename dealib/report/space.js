@@ -68,7 +68,7 @@
         camera: {eye: {x: 1.15, y: -1.55, z: 1.2}}},
       modebar: {bgcolor: "rgba(0,0,0,0)", color: "rgba(128,128,128,0.7)", activecolor: ink},
     }, {responsive: true, displaylogo: false, scrollZoom: true,
-      modeBarButtonsToRemove: ["sendDataToCloud", "hoverClosest3d", "orbitRotation"]});
+      modeBarButtons: [["toImage"], ["zoom3d", "pan3d", "tableRotation", "resetCameraDefault3d"]]});
   }
 
   let waiting = false, timer = 0;
