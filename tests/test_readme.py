@@ -88,7 +88,7 @@ def shell(command, root):
 
 def no_rendering():
     from dealib.errors import PlatformError
-    from dealib.plots.views import check_rendering
+    from dealib.plots.render import check_rendering
 
     try:
         check_rendering()

@@ -18,7 +18,7 @@ import dealib
 from dealib import versions
 from dealib.cases.cache import DONE, FAILED, Cache
 from dealib.cases.workers import Pool, Watcher
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, PlatformError
 from dealib.study import sample, sweep
 from dealib.study.evaluate import Results
 from dealib.study.expressions import OF_A_CASE, Expression
@@ -685,3 +685,74 @@ def test_the_comparison_is_over_the_cases_that_are_solved_and_says_so():
     assert results.comparison == ("Between -2.75 and -1.25 mm, -2.8 to nan. (2 of 3 cases.)")
     results.statuses = (status("a", FAILED),)
     assert results.comparison == "No case is solved."
+
+
+SPACE = """\
+name: plate
+geometry:
+  shape: laminate
+  base: {kind: rectangle, length: 8 mm, width: 4 mm}
+  symmetry: [X, Y]
+  layers: [{name: film, thickness: 0.5 mm}, {name: cover, thickness: 0.1 mm, material: electrode}]
+mesh: {columns: 4, sectors: 2, film_rows: 1}
+materials:
+  film: {law: neo_hookean, youngs_modulus: 1 MPa, relative_permittivity: 3.0}
+  electrode: {law: neo_hookean, youngs_modulus: 1 MPa}
+terminals: {top: {on: cover}, ground: {on: film.bottom, ground: true}}
+holds: [{on: film.bottom, fix: Z}]
+program: [{stage: rest}, {stage: actuate, terminal: {voltage: 40 kV}, steps: 4}]
+"""
+IN_SPACE = """\
+name: plate_study
+title: a plate in space
+base: plate.yaml
+vary: {thickness: {mesh.columns: [4]}}
+panels:
+  - {kind: contour, field: E, label: E (MV/m), stage: actuate, limits: [0, 100]}
+  - {kind: shapes, times: [0 s, 1 s, 2 s, 1 s]}
+"""
+
+
+def test_panels_of_a_device_in_space_are_views(tmp_path, monkeypatch):
+    from dealib.plots.render import check_rendering
+    from dealib.study import panels
+
+    try:
+        check_rendering()
+    except PlatformError as error:
+        pytest.skip(str(error))
+    (tmp_path / "plate.yaml").write_text(SPACE)
+    path, cache = tmp_path / "study.yaml", Cache(tmp_path / "cases")
+    path.write_text(IN_SPACE)
+    plan = read(path)
+    with Pool(1) as pool:
+        assert all(ended.status == DONE for ended in pool.solve(sweep.missing([plan], cache)))
+    results = Results(plan, cache, sweep.statuses(plan, cache, {}))
+    monkeypatch.setattr(panels.plt, "close", lambda figure: None)
+    panels.draw(results)
+    figure = panels.plt.gcf()
+    contour, shapes = (part.axes for part in figure.subfigs)
+    assert [axis.get_title(loc="left") for axis in contour[:2]] == ["true scale", "cut in half"]
+    assert contour[2].get_ylabel() == "E (MV/m)"
+    assert contour[2].get_ylim() == (0, 100)
+    titles = [axis.get_title().partition(":")[0] for axis in shapes]
+    assert titles == ["0 s", "1 s", "2 s", "1 s", "", ""]
+    seen = [np.asarray(axis.images[0].get_array()) for axis in shapes[:4]]
+    assert not any(s[[0, -1], :, 3].any() or s[:, [0, -1], 3].any() for s in seen)  # whole
+    # all from one point: under voltage the plate is wider
+    width = [np.ptp(np.flatnonzero(s[..., 3].any(axis=0))) for s in seen]
+    area = [(s[..., 3] > 0).sum() for s in seen]
+    assert 0 < area[0] < area[1] < area[2]
+    assert area[3] == pytest.approx(area[1], rel=1e-3)
+    stretch = width[2] / width[0]
+    assert 1.02 < stretch < 1.2  # 80 MV/m at E = 1 MPa
+    monkeypatch.undo()
+    panels.plt.close(figure)
+
+    def blind():
+        raise PlatformError("no picture here")
+
+    for module in (panels.views, panels.render):
+        monkeypatch.setattr(module, "check_rendering", blind)
+    text, _ = panels.draw(results)
+    assert text.count("no picture here") == 2

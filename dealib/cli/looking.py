@@ -135,6 +135,7 @@ def plot(
     such as wrinkling_use. D_n is the surface charge density on the electrodes' inner faces.
 
     A device in space is seen whole and cut in half; profiles are of laminates in a plane.
+    Lines on the picture of wrinkling, of a tension field, run along the crests.
 
     A picture in RUN/plots/ replaces the one of the same name there; --out replaces nothing unless
     --overwrite is given.
@@ -171,6 +172,8 @@ def report(
     overwrite: Overwrite = False,
 ) -> None:
     """Write one self-contained HTML page about a run: device, pictures, curves, margins.
+
+    A device in space, or of revolution, can be turned there, at each of its stored steps.
 
     Of a study: its gallery, as `dealib study` does; --out is then a folder.
     """

@@ -179,7 +179,8 @@ def crests(F: Array, excess: Array, plane: tuple[int, int]) -> tuple[Array, Arra
 
     Returns:
         By how much the film is longer across the crests than the surface, as a share, (...), and
-        that times the direction of the crests in the deformed film, (..., 3).
+        that times the dyad of the direction of the crests in the deformed film, (..., 3, 3): a
+        crest has no sign, so that only dyads can be averaged.
     """
     flat = F[..., list(plane)]
     C = np.swapaxes(flat, -1, -2) @ flat
@@ -190,7 +191,7 @@ def crests(F: Array, excess: Array, plane: tuple[int, int]) -> tuple[Array, Arra
     turned = np.stack([-across[..., 1], across[..., 0]], axis=-1)
     crest = np.einsum("...ia,...a", flat, turned)
     crest /= np.linalg.norm(crest, axis=-1, keepdims=True)
-    return share, share[..., None] * crest
+    return share, np.einsum("...,...i,...j->...ij", share, crest, crest)
 
 
 def _root(A: Array, power: float) -> Any:

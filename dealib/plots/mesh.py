@@ -107,7 +107,7 @@ def _ends(laminate: Laminate, names: tuple[str, ...]) -> dict[str, list[tuple[fl
 
 def _solid(parts: Parts, colours: dict[str, str]) -> Any:
     """The faces of all but air, seen from above."""
-    from dealib.plots.views import check_rendering, draw_faces
+    from dealib.plots.render import check_rendering, draw_faces
 
     check_rendering()
     figure, axis = plt.subplots(figsize=(9, 6), layout="constrained")

@@ -129,6 +129,22 @@ class Shape:
         return found
 
     @property
+    def symmetry(self) -> list[int]:
+        """Numbers of the axes across the planes in which a device in space is mirrored."""
+        laminate = self.run.config.device.laminate
+        return ["XYZ".index(axis) for axis in laminate.symmetry] if self.solid and laminate else []
+
+    @property
+    def mirrors(self) -> list[Array]:
+        """Maps (3, 3) of the part of a device in space that was solved to all parts."""
+        found = [np.eye(3)]
+        for k in self.symmetry:
+            mirror = np.eye(3)
+            mirror[k, k] = -1
+            found += [mirror @ one for one in found]
+        return found
+
+    @property
     def when(self) -> str:
         """Stage, step, time and inputs, for titles."""
         told = stored_note(self.run)

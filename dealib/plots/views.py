@@ -2,80 +2,71 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from collections.abc import Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 
-from dealib.errors import ConfigError, PlatformError
-from dealib.plots.contours import Scale, contours, magnification, scale, scale_note
+from dealib.errors import ConfigError
+from dealib.plots.contours import Scale, contours, magnification, scale
+from dealib.plots.crests import TURN, lines, note, peel
 from dealib.plots.labels import plain
+from dealib.plots.render import PIXELS, Bodies, check_rendering, picture
 from dealib.plots.shape import Shape
 from dealib.plots.style import Theme
 from dealib.results.elements import Array
 from dealib.results.quantities import Quantity
 from dealib.results.sampling import Sampler
 
-Bodies = list[tuple[Any, str]]  # VTK's data and its colour; empty: the one of its values
-
-_ANGLE, _STEP, _PLAIN_ANGLE = 270.0, 30.0, 60.0  # degrees: of all, less a layer, of what hides
-_PLAIN, _RIGID = "#3b3f52", "#8a939d"  # layers without a field; mount and frame
-_ABOVE = (1.2, -1.6, 1.35)  # direction from which is looked
-_PROBE = (
-    "import pyvista as pv; p = pv.Plotter(off_screen=True, window_size=(40, 40));"
-    "p.add_mesh(pv.Sphere()); p.screenshot(None, return_img=True); p.close()"
-)
-
-
-def check_rendering() -> None:
-    """Render a small picture in another process: without EGL or OSMesa, VTK ends its process.
-
-    Raises:
-        PlatformError: If it does.
-    """
-    try:
-        done = subprocess.run(
-            [sys.executable, "-c", _PROBE], capture_output=True, timeout=120, check=False
-        )
-        works = done.returncode == 0
-    except subprocess.TimeoutExpired:
-        works = False
-    if not works:
-        raise PlatformError(
-            "3-D pictures need off-screen OpenGL (Debian: apt install libegl1 libegl-mesa0 "
-            "libgl1); all other pictures work without it"
-        )
+_PLAIN_ANGLE = 60.0  # degrees of what hides what is drawn
+CONDUCTORS, _RIGID = "#3b3f52", "#8a939d"  # layers without a field; mount and frame
 
 
 def draw_field(shape: Shape, what: Quantity, look: Theme) -> Any:
-    """Draw a quantity on a device: contours in a plane, views of one in space."""
+    """Draw a quantity on a device: contours in a plane, views of one in space.
+
+    Wrinkles of a body of revolution have directions out of its section: they are drawn in space.
+    """
+    if shape.kinematics.revolved and what.field == "wrinkling":
+        return draw_revolved(shape, what, look)
     return (draw_solid if shape.solid else contours)(shape, what, look)
 
 
 def draw_solid(shape: Shape, what: Quantity, look: Theme) -> Any:
-    """Draw a device in space at one step: deformed, half of its conductors taken off; and cut.
+    """Draw a device in space at one step, as a figure of its own (see `fill`)."""
+    figure = plt.figure(figsize=(13, 5.2), layout="constrained")
+    fill(figure, shape, what, look)
+    figure.suptitle(plain(f"{shape.run.title}, {shape.when}"), fontsize="medium")
+    return figure
+
+
+def fill(
+    part: Any,
+    shape: Shape,
+    what: Quantity,
+    look: Theme,
+    limits: tuple[float, float] | None = None,
+) -> None:
+    """Draw a device in space into a figure or a part of one.
+
+    It is deformed, half of its conductors taken off; and cut.
 
     Raises:
         PlatformError: If the machine cannot render.
     """
     check_rendering()
     values, factor = shape.values(what), magnification(shape)
-    colours = scale(shape, values, look, what)
+    colours = scale(shape, values, look, what, limits)
     every = bodies(shape, what, shape.moved(factor), values)
-    whole, cut = _opened(every), _half(every)
-    figure, axes = plt.subplots(1, 2, figsize=(13, 5.2), layout="constrained")
-    for axis, seen, title in zip(
-        axes, (whole, cut), (scale_note(factor), "cut in half"), strict=True
-    ):
+    crests = lines(shape, what)
+    whole, cut = _opened(every) + crests, _half(every + crests)
+    axes = part.subplots(1, 2)
+    notes = (note(shape, what, factor), "cut in half")
+    for axis, seen, title in zip(axes, (whole, cut), notes, strict=True):
         axis.imshow(picture(seen, colours, look.paper))
         axis.set_axis_off()
         axis.set_title(title, loc="left")
-    colours.bar(figure, what.title, ax=list(axes), shrink=0.8, pad=0.01)
-    figure.suptitle(plain(f"{shape.run.title}, {shape.when}"), fontsize="medium")
-    return figure
+    colours.bar(part, what.title, ax=list(axes), shrink=0.8, pad=0.01)
 
 
 def _half(every: Bodies) -> Bodies:
@@ -103,7 +94,6 @@ def bodies(shape: Shape, what: Quantity, x: Array, values: Array) -> Bodies:
     import pyvista as pv
 
     mesh, found = shape.mesh, []
-    laminate = shape.run.config.device.laminate
     for name in shape.layers:
         cells = mesh.cells[mesh.in_region(name)]
         kinds = np.full(len(cells), mesh.cell.vtk_type, dtype=np.uint8)
@@ -111,8 +101,7 @@ def bodies(shape: Shape, what: Quantity, x: Array, values: Array) -> Bodies:
         part = pv.UnstructuredGrid(rows.ravel(), kinds, x)
         part.point_data["values"] = values
         parts = [part.extract_cells(np.arange(len(cells)))]
-        for axis in laminate.symmetry if laminate else "":
-            k = "XYZ".index(axis)
+        for k in shape.symmetry:
             sign = (-1) ** (what.component or ()).count(k)
             for one in list(parts):
                 other = one.copy()
@@ -120,71 +109,15 @@ def bodies(shape: Shape, what: Quantity, x: Array, values: Array) -> Bodies:
                 other.point_data["values"] *= sign
                 parts.append(other)
         empty = bool(np.isnan(values[cells]).any())
-        found += [(part, _PLAIN if empty else "") for part in parts]
+        found += [(part, CONDUCTORS if empty else "") for part in parts]
     return found
 
 
-def picture(
-    seen: Bodies,
-    colours: Scale | None,
-    paper: str,
-    within: Sequence[float] | None = None,
-    edges: str = "",
-) -> Any:
-    """A picture (height, width, 3) of bodies, without its empty margins.
-
-    Args:
-        seen: The bodies.
-        colours: Of their values.
-        paper: Colour of the background.
-        within: Bounds to look at (with all margins), for pictures that follow each other.
-        edges: Colour of the cells' edges; empty for none.
-    """
-    import pyvista as pv
-    from vtkmodules.vtkCommonCore import vtkLogger
-
-    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_ERROR)  # it warns of a missing display
-    plotter = pv.Plotter(off_screen=True, window_size=(1900, 1000))
-    plotter.set_background(paper)
-    light: dict[str, Any] = {"ambient": 0.35, "specular": 0.1}
-    if edges:
-        light |= {"show_edges": True, "edge_color": edges}
-    for body, colour in seen:
-        if colour or colours is None:
-            plotter.add_mesh(body, color=colour, **light)
-            continue
-        plotter.add_mesh(
-            body, scalars="values", clim=(colours.norm.vmin, colours.norm.vmax),
-            cmap=colours.cmap, show_scalar_bar=False, **light,
-        )  # fmt: skip
-    plotter.camera_position = [_ABOVE, (0, 0, 0), (0, 0, 1)]
-    plotter.reset_camera(bounds=within)
-    plotter.camera.zoom(1.4 if within is None else 1.7)
-    plotter.enable_anti_aliasing("ssaa")
-    found = np.asarray(plotter.screenshot(None, return_img=True))
-    plotter.close()
-    if within is not None:
-        return found
-    used = (found != found[0, 0]).any(axis=2)
-    rows, columns = (np.flatnonzero(used.any(axis=k)) for k in (1, 0))
-    return found[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-
-
-def draw_faces(faces: list[tuple[Array, str]], ink: str, paper: str) -> Any:
-    """A picture of faces (faces, corners, 3) by colour, with their edges.
-
-    Args:
-        faces: Faces and their colours.
-        ink: Colour of edges.
-        paper: Background.
-    """
-    import pyvista as pv
-
-    found = []
-    for corners, colour in faces:
-        rows = np.arange(len(corners) * corners.shape[1]).reshape(len(corners), -1)
-        found.append((pv.PolyData.from_regular_faces(corners.reshape(-1, 3), rows), colour))
-    return picture(found, None, paper, edges=ink)
+def within(shape: Shape, low: Array, high: Array) -> list[float]:
+    """Bounds of all symmetric parts, for `picture`, from those of the part that was solved."""
+    ends = np.stack([low, high])
+    reached = np.concatenate([ends @ one for one in shape.mirrors])
+    return np.stack([reached.min(axis=0), reached.max(axis=0)], axis=1).ravel().tolist()
 
 
 class Scene:
@@ -210,13 +143,8 @@ class Scene:
     ) -> None:
         check_rendering()
         self._of, self._style = (shape, what), (colours, look.paper)
-        low, high = (np.array(end) for end in span)
-        laminate = shape.run.config.device.laminate
-        for axis_name in laminate.symmetry if laminate else "":
-            k = "XYZ".index(axis_name)
-            low[k] = -high[k]
-        self._within = np.stack([low, high], axis=1).ravel().tolist()
-        self._image = axis.imshow(np.zeros((1000, 1900, 3), dtype=np.uint8))
+        self._within = within(shape, *span)
+        self._image = axis.imshow(np.zeros((*PIXELS[::-1], 3), dtype=np.uint8))
         axis.set_axis_off()
 
     def move(self, x: Array, values: Array) -> None:
@@ -241,11 +169,12 @@ def draw_revolved(shape: Shape, what: Quantity, look: Theme) -> Any:
     values = shape.values(what)
     colours = scale(shape, values, look, what)
     figure, axis = plt.subplots(figsize=(11, 5.8), layout="constrained")
-    axis.imshow(picture(_turned(shape, values), colours, look.paper))
+    seen = _turned(shape, values) + lines(shape, what)
+    axis.imshow(picture(seen, colours, look.paper))
     axis.set_axis_off()
     colours.bar(figure, what.title, ax=axis, shrink=0.8, pad=0.01)
-    note = scale_note(magnification(shape))
-    axis.set_title(plain(f"{shape.run.title}, {shape.when}\n{note}"), fontsize="medium")
+    told = note(shape, what, magnification(shape))
+    axis.set_title(plain(f"{shape.run.title}, {shape.when}\n{told}"), fontsize="medium")
     return figure
 
 
@@ -253,16 +182,16 @@ def _turned(shape: Shape, values: Array) -> Bodies:
     """The layers, and discs for what holds the ends of a flat laminate."""
     factor = magnification(shape)
     moved, start = shape.moved(factor), 0
-    seen, found, step = False, [], min(_STEP, _ANGLE / 2 / len(shape.layers))
+    seen, found, step = False, [], peel(shape)
     for k, name in enumerate(shape.layers):
         part = Sampler.of(shape.mesh, (name,), n=shape.strips.n)
         own = slice(start, start + len(part.points))
         start = own.stop
         empty = bool(np.isnan(values[own]).any())
-        angle = _PLAIN_ANGLE if empty and seen else _ANGLE - step * k
+        angle = _PLAIN_ANGLE if empty and seen else TURN - step * k
         seen = seen or not empty
         body = _revolve(moved[own], part.triangles, values[own], angle)
-        found.append((body, _PLAIN if empty else ""))
+        found.append((body, CONDUCTORS if empty else ""))
     device = shape.run.config.device
     base = None if shape.laminate is None else shape.laminate.base
     if base is None or base.along != "R" or shape.core is None:
@@ -278,7 +207,7 @@ def _turned(shape: Shape, values: Array) -> Bodies:
             corners = np.array(
                 [[left, z - half], [right, z - half], [right, z + half], [left, z + half]]
             )
-            rigid = _revolve(corners, np.array([[0, 1, 2], [0, 2, 3]]), np.zeros(4), _ANGLE)
+            rigid = _revolve(corners, np.array([[0, 1, 2], [0, 2, 3]]), np.zeros(4), TURN)
             found.append((rigid, _RIGID))
     return found
 

@@ -23,7 +23,7 @@ from dealib.plots.views import draw_field
 from dealib.results.quantities import SURFACE_CHARGE, Quantity, main_stress, quantity
 from dealib.results.reader import Run
 from dealib.results.section import Section
-from dealib.results.summary import under_voltage
+from dealib.results.summary import stored_note, under_voltage
 
 _MIME = {"svg": "image/svg+xml", "png": "image/png"}
 
@@ -65,7 +65,7 @@ def pictures(run: Run) -> tuple[dict[str, Picture], list[str]]:
     if len(run.history) > 1:
         found["iterations"] = both(lambda look: _iterations(run), "svg")
     lost = []
-    for draw in (_fields, _mesh):
+    for draw in (_fields, _wrinkles, _mesh):
         try:
             found |= draw(run)
         except (ConfigError, PlatformError) as error:
@@ -78,6 +78,15 @@ def shown(run: Run) -> list[Quantity]:
     device, section = run.config.device, Section(run)
     names = [main_stress(device), f"S_{2 * device.kinematics.axes[section.across]}"]
     return [quantity(name, device.kinematics) for name in dict.fromkeys(["E", *names])]
+
+
+def turned(run: Run) -> list[Quantity]:
+    """Fields that the interactive view offers, the first of which it shows at first."""
+    charged = bool(under_voltage(run.history).any()) and not stored_note(run)
+    field, *stresses = shown(run)
+    crests, u = (quantity(name, run.config.device.kinematics) for name in ("wrinkling", "u"))
+    wrinkled = run.config.physics.wrinkling == "tension_field"
+    return [field] * charged + [crests] * wrinkled + [*stresses, u]
 
 
 def _fields(run: Run) -> dict[str, Picture]:
@@ -96,6 +105,15 @@ def _fields(run: Run) -> dict[str, Picture]:
         return found
     lines = [SURFACE_CHARGE, whats[charged]][not charged :]
     return found | {"profiles": both(lambda look: draw_profiles(shape, lines), "svg")}
+
+
+def _wrinkles(run: Run) -> dict[str, Picture]:
+    """Of a tension field, where the picture of the electric field is, too."""
+    if run.config.physics.wrinkling != "tension_field" or not run.stored_steps:
+        return {}
+    shape = Shape(run, typical_step(run))
+    what = quantity("wrinkling", shape.kinematics)
+    return {"wrinkling": both(partial(draw_field, shape, what), "png")}
 
 
 def _mesh(run: Run) -> dict[str, Picture]:

@@ -9,8 +9,8 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-from dealib.errors import ConfigError
-from dealib.report import css, facts, figures
+from dealib.errors import ConfigError, PlatformError
+from dealib.report import css, facts, figures, space
 from dealib.results.reader import Run
 from dealib.results.summary import margins
 
@@ -21,8 +21,20 @@ def _captions(run: Run) -> dict[str, str]:
     with suppress(ConfigError):  # damaged states, which have no pictures
         for q in figures.shown(run):
             found[q.name] = f"{q.label.partition(' ' + q.name[0] + '$')[0]} {q.name}."
-    found["E"] = "Electric field at the largest voltage of a stored state."
-    return found | {"mode": "The softest mode where stability is lost, of any height."}
+    return found | {
+        "E": "Electric field at the largest voltage of a stored state.",
+        "wrinkling": "Wrinkling: the share by which the film is longer than its smooth surface.",
+        "mode": "The softest mode where stability is lost, of any height.",
+    }
+
+
+def _view(run: Run) -> dict[str, Any]:
+    """The interactive view in space, where there is one, with what draws it."""
+    found = space.view(run, figures.turned(run))
+    if not found:
+        return {"space": {}}
+    script = (Path(__file__).parent / "space.js").read_text(encoding="utf-8")
+    return {"space": found, "library": space.library(), "script": script}
 
 
 def render(run: Run) -> str:
@@ -40,6 +52,11 @@ def render(run: Run) -> str:
     )
     config, info = run.config, run.info
     pictures, lost = figures.pictures(run)
+    view: dict[str, Any] = {"space": {}}
+    try:
+        view = _view(run)
+    except (ConfigError, PlatformError) as error:
+        lost.append(f"{error}; the interactive view is left out.")
     page: dict[str, Any] = {
         "css": css(),
         "run": info,
@@ -61,5 +78,6 @@ def render(run: Run) -> str:
         "given": run.text("config.yaml"),
         "resolved": run.text("config.resolved.yaml"),
         "version": version("dealib"),
+        **view,
     }
     return environment.get_template("page.html.j2").render(page)

@@ -66,8 +66,8 @@ class Fields:
             all that the field adds, electrostriction included where the permittivity depends on
             stretch; J = det F; in the mixed form p (MPa, positive in tension); in tension fields
             wrinkling, the share by which the film is longer than the surface, and crest, that times
-            the direction of the crests. Vectors and tensors
-            have the components of the kinematics.
+            the direction of the crests, of either sign. Vectors and tensors have the components of
+            the kinematics.
         """
         n, axes = len(self._mesh.points), self._axes
         out: dict[str, Array] = {
@@ -81,13 +81,15 @@ class Fields:
             "J": np.ones(n),
         }
         if self._wrinkles:
-            out |= {"wrinkling": np.zeros(n), "crest": np.zeros((n, 3))}
+            out |= {"wrinkling": np.zeros(n), "crest": np.zeros((n, 3, 3))}
         elif state.shape[1] > axes + 1:
             out["p"] = state[:, axes + 1].copy()
         for part in self._parts:
             part.average.into(
                 out, (self._of(part.material, b, state, internal) for b in part.blocks)
             )
+        if self._wrinkles:
+            out["crest"] = out["wrinkling"][:, None] * _main_direction(out["crest"])
         return out
 
     def _of(
@@ -119,6 +121,14 @@ class Fields:
         flat = values.reshape(*values.shape[:2], -1)
         nodal = self._mesh.cell.from_gauss @ flat
         return np.asarray(nodal.reshape(*nodal.shape[:2], *values.shape[2:]))
+
+
+def _main_direction(dyads: Array) -> Array:
+    """Directions of the largest eigenvalues of tensors (n, 3, 3); zero where these are zero."""
+    found = np.zeros(dyads.shape[:2])
+    there = np.flatnonzero(np.trace(dyads, axis1=1, axis2=2) > 0)
+    found[there] = np.linalg.eigh(dyads[there])[1][..., 2]
+    return found
 
 
 @dataclass(frozen=True)

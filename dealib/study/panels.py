@@ -10,10 +10,12 @@ from dataclasses import replace
 from typing import Any
 
 import matplotlib.pyplot as plt
+import numpy as np
 from cycler import cycler
 from matplotlib.collections import PolyCollection
 
-from dealib.plots import contours
+from dealib.errors import PlatformError
+from dealib.plots import contours, render, views
 from dealib.plots.labels import plain
 from dealib.plots.shape import Shape
 from dealib.plots.style import LIGHT, theme
@@ -27,6 +29,7 @@ REFERENCE = "#7d8590"
 COLOURS = ("#2b83ba", "#d55e00", "#009e73", "#c2649c", "#b8860b", "#7570b3", "#56b4e9", "#8c564b")
 _MARKS = "osD^vP*X"
 _WIDTH, _HEIGHT = 4.6, 3.5  # inches of a panel
+_VIEWS = 3  # of a device in space beside each other
 _SETTINGS: dict[Any, Any] = {  # on top of the light theme
     "axes.facecolor": "none",
     "figure.facecolor": "none",
@@ -75,9 +78,7 @@ def _fill(figure: Any, results: Results) -> None:
             rows[-1].append(i)
         else:
             rows.append([i])
-    heights = [
-        {Contour: 5.8, Shapes: 3.6}.get(type(results.study.panels[row[0]]), _HEIGHT) for row in rows
-    ]
+    heights = [_height(results, row[0]) for row in rows]
     most = max(len(row) for row in rows)
     any_wide = any(isinstance(p, wide) for p in results.study.panels)
     width = most * (_WIDTH if most < 3 else 0.8 * _WIDTH)
@@ -95,6 +96,18 @@ def _fill(figure: Any, results: Results) -> None:
         _legend(part, axes)
 
 
+def _height(results: Results, index: int) -> float:
+    """Of a row of panels, inches."""
+    panel = results.study.panels[index]
+    if not isinstance(panel, (Contour, Shapes)):
+        return _HEIGHT
+    outcome = results.chosen(index)
+    solid = outcome and outcome.run and outcome.run.config.device.kinematics.dim == 3
+    if isinstance(panel, Contour):
+        return 3.0 if solid else 5.8
+    return 1.9 * -(-len(panel.times) // _VIEWS) if solid else 3.6
+
+
 def _fields(part: Any, results: Results, index: int) -> None:
     panel = results.study.panels[index]
     outcome = results.chosen(index)
@@ -110,23 +123,57 @@ def _fields(part: Any, results: Results, index: int) -> None:
             shape = Shape(outcome.run, outcome.step(panel.stage))
             what = quantity(panel.field, shape.kinematics)
             what = replace(what, label=name, unit="", factor=panel.factor)
-            contours.fill(part, shape, what, LIGHT, panel.limits, panel.zoom)
+            if shape.solid:
+                views.fill(part, shape, what, LIGHT, panel.limits)
+            else:
+                contours.fill(part, shape, what, LIGHT, panel.limits, panel.zoom)
         else:
-            _shapes(part.subplots(), [Shape(outcome.run, outcome.nearest(t)) for t in panel.times])
+            shapes = [Shape(outcome.run, outcome.nearest(t)) for t in panel.times]
+            (_views if shapes[0].solid else _shapes)(part, shapes)
+        _clear(part)
+    except PlatformError as error:
+        part.text(0.5, 0.5, plain(error), ha="center", wrap=True)
     except ValueError as error:
         raise results.plan.fault(("panels", index), str(error)) from None
     if panel.title:
         part.suptitle(plain(panel.title), fontsize="medium")
 
 
-def _shapes(axis: Any, shapes: list[Shape]) -> None:
+def _views(part: Any, shapes: list[Shape]) -> None:
+    """A device in space at several steps: views from one point, true to scale."""
+    render.check_rendering()
+    moved = [shape.moved() for shape in shapes]
+    every = np.concatenate(moved)
+    bounds = views.within(shapes[0], every.min(axis=0), every.max(axis=0))
+    rows = -(-len(shapes) // _VIEWS)
+    axes = part.subplots(rows, min(len(shapes), _VIEWS), squeeze=False).ravel()
+    u = quantity("u", shapes[0].kinematics)
+    for i, (shape, x) in enumerate(zip(shapes, moved, strict=True)):
+        colour = COLOURS[i % len(COLOURS)]
+        seen = [(body, colour) for body, _ in views.bodies(shape, u, x, shape.values(u))]
+        axes[i].imshow(render.picture(seen, None, LIGHT.paper, bounds))
+        axes[i].set_title(_told(shape), fontsize="small")
+    for axis in axes:
+        axis.set_axis_off()
+
+
+def _told(shape: Shape) -> str:
+    return plain(f"{shape.row['time_s']:g} s: {values_told(shape.run, shape.row, 3)}")
+
+
+def _clear(part: Any) -> None:
+    """Make the paper of pictures transparent, as that of the panels is."""
+    for image in (image for axis in part.axes for image in axis.images):
+        seen = np.asarray(image.get_array())
+        image.set_data(np.dstack([seen, 255 * (seen != 255).any(axis=2).astype(np.uint8)]))
+
+
+def _shapes(part: Any, shapes: list[Shape]) -> None:
     """The layers at several steps, true to scale."""
+    axis = part.subplots()
     for i, shape in enumerate(shapes):
-        if shape.solid:
-            raise ValueError("shapes are drawn of devices in a plane; this one is in space")
         x, colour = shape.moved()[shape.strips.triangles], COLOURS[i % len(COLOURS)]
-        told = f"{shape.row['time_s']:g} s: {values_told(shape.run, shape.row, 3)}"
-        label = plain(told)
+        label = _told(shape)
         axis.add_collection(PolyCollection(list(x), fc=colour, ec=colour, lw=0.3, label=label))
     axis.autoscale_view()
     names = shapes[0].kinematics.axes

@@ -91,7 +91,10 @@ class Points(_Panel):
 
 
 class Contour(_Panel):
-    """A field on the layers of one case: deformed, straightened, and both ends true to scale."""
+    """A field on the layers of one case: deformed, straightened, and both ends true to scale.
+
+    A device in space is seen whole and cut in half.
+    """
 
     kind: Literal["contour"]
     field: str = Field(description="such as S_RR, S_ZZ, E, phi")
@@ -111,7 +114,7 @@ class Contour(_Panel):
 
 
 class Shapes(_Panel):
-    """Deformed strips of one case at several times, true to scale."""
+    """Deformed layers of one case at several times, true to scale: in space a view each."""
 
     kind: Literal["shapes"]
     times: tuple[Time, ...] = Field(min_length=1, description="the nearest stored states are shown")

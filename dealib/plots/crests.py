@@ -1,0 +1,70 @@
+"""Lines along the crests of wrinkles, and how much of a film wrinkles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from dealib.plots.contours import magnification, scale_note
+from dealib.plots.shape import Shape
+from dealib.results.elements import Array
+from dealib.results.quantities import Quantity
+
+TURN, _STEP = 270.0, 30.0  # degrees: of a body of revolution, and less for each layer
+_COLOUR = "#d55e00"
+_LINES = 24  # along the device
+_LEAST = 0.02  # of the largest wrinkling: where there is less, there is no line
+
+
+def peel(shape: Shape) -> float:
+    """By how many degrees each layer of a body of revolution ends before the one below it."""
+    return min(_STEP, TURN / 2 / len(shape.layers))
+
+
+def note(shape: Shape, what: Quantity, factor: float) -> str:
+    """The scale; of wrinkles also how much of the film has some."""
+    area = shape.row.get("wrinkled_area_mm2") if what.field == "wrinkling" else None
+    told = "" if area is None else f"; {area:.4g} mm² wrinkled, lines on the crests"
+    return scale_note(factor) + told
+
+
+def lines(shape: Shape, what: Quantity) -> list[tuple[Any, str]]:
+    """Short lines along the crests of wrinkles, if these are what is drawn; with their colour."""
+    if what.field != "wrinkling":
+        return []
+    if not shape.solid:
+        shape = Shape(shape.run, shape.step, n=2)  # its points are nodes: crests have no sign
+    x, crest = shape.moved(magnification(shape)), shape.arrays["crest"]
+    if not shape.solid:
+        crest = shape.strips(crest)
+    share = np.linalg.norm(crest, axis=1)
+    where = np.flatnonzero(share > _LEAST * share.max())
+    if not shape.solid:  # on the upper face
+        across = shape.points[:, shape.section.across]
+        where = where[across[where] > across.max() - 1e-9]
+    copies = _turns(shape) if shape.kinematics.revolved else shape.mirrors
+    size = float(max(np.ptp(np.concatenate([x @ m[:, : x.shape[1]].T for m in copies]), axis=0)))
+    spots = np.round(shape.points[where] * _LINES / size)
+    where = where[np.unique(spots, axis=0, return_index=True)[1]]
+    centre, along = x[where], crest[where] / share[where, None]
+    return [(_strokes(centre @ m[:, : x.shape[1]].T, along @ m.T, size), _COLOUR) for m in copies]
+
+
+def _turns(shape: Shape) -> Sequence[Array]:
+    """Maps of radius, height and direction around the axis to space, within the upper layer."""
+    angles = np.radians(np.arange(4, TURN - peel(shape) * (len(shape.layers) - 1), 8))
+    return [
+        np.array([[np.cos(a), 0, -np.sin(a)], [np.sin(a), 0, np.cos(a)], [0, 1, 0]]) for a in angles
+    ]
+
+
+def _strokes(centre: Array, along: Array, size: float) -> Any:
+    """Thin tubes about centres, (n, 3), in directions of unit length, (n, 3)."""
+    import pyvista as pv
+
+    half = 0.4 * size / _LINES * along
+    ends = np.stack([centre - half, centre + half], axis=1).reshape(-1, 3)
+    lines = np.column_stack([np.full(len(centre), 2), np.arange(len(ends)).reshape(-1, 2)])
+    return pv.PolyData(ends, lines=lines.ravel()).tube(radius=0.035 * size / _LINES, capping=False)

@@ -1,0 +1,119 @@
+"""Rendering in space, off screen, by pyvista."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from dealib.errors import PlatformError
+from dealib.plots.contours import Scale
+from dealib.results.elements import Array
+
+Bodies = list[tuple[Any, str]]  # VTK's data and its colour; empty: the one of its values
+
+PIXELS = (1900, 1000)
+_ABOVE = (1.2, -1.6, 1.35)  # direction from which is looked
+_PROBE = (
+    "import pyvista as pv; p = pv.Plotter(off_screen=True, window_size=(40, 40));"
+    "p.add_mesh(pv.Sphere()); p.screenshot(None, return_img=True); p.close()"
+)
+
+
+def check_rendering() -> None:
+    """Render a small picture in another process: without EGL or OSMesa, VTK ends its process.
+
+    Raises:
+        PlatformError: If it does.
+    """
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", _PROBE], capture_output=True, timeout=120, check=False
+        )
+        works = done.returncode == 0
+    except subprocess.TimeoutExpired:
+        works = False
+    if not works:
+        raise PlatformError(
+            "3-D pictures need off-screen OpenGL (Debian: apt install libegl1 libegl-mesa0 "
+            "libgl1); all other pictures work without it"
+        )
+
+
+def picture(
+    seen: Bodies,
+    colours: Scale | None,
+    paper: str,
+    within: Sequence[float] | None = None,
+    edges: str = "",
+) -> Any:
+    """A picture (height, width, 3) of bodies, without its empty margins.
+
+    Args:
+        seen: The bodies.
+        colours: Of their values.
+        paper: Colour of the background.
+        within: Bounds to look at (with all margins), for pictures that follow each other.
+        edges: Colour of the cells' edges; empty for none.
+    """
+    import pyvista as pv
+    from vtkmodules.vtkCommonCore import vtkLogger
+
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_ERROR)  # it warns of a missing display
+    plotter = pv.Plotter(off_screen=True, window_size=PIXELS)
+    plotter.set_background(paper)
+    light: dict[str, Any] = {"ambient": 0.35, "specular": 0.1}
+    if edges:
+        light |= {"show_edges": True, "edge_color": edges}
+    for body, colour in seen:
+        if colour or colours is None:
+            plotter.add_mesh(body, color=colour, **light)
+            continue
+        plotter.add_mesh(
+            body, scalars="values", clim=(colours.norm.vmin, colours.norm.vmax),
+            cmap=colours.cmap, show_scalar_bar=False, **light,
+        )  # fmt: skip
+    plotter.camera_position = [_ABOVE, (0, 0, 0), (0, 0, 1)]
+    plotter.reset_camera(bounds=within)
+    plotter.camera.zoom(_zoom(plotter.camera, within or plotter.bounds))
+    plotter.enable_anti_aliasing("ssaa")
+    found = np.asarray(plotter.screenshot(None, return_img=True))
+    plotter.close()
+    if within is not None:
+        return found
+    used = (found != found[0, 0]).any(axis=2)
+    rows, columns = (np.flatnonzero(used.any(axis=k)) for k in (1, 0))
+    return found[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+
+
+def _zoom(camera: Any, bounds: Sequence[float]) -> float:
+    """By how much a camera can come closer until a box fills its picture."""
+    corners = np.array(list(product(*np.reshape(bounds, (3, 2))))) - camera.position
+    right = np.cross(camera.direction, camera.up)
+    right /= np.linalg.norm(right)
+    far = corners @ camera.direction
+    across, up = corners @ right / far, corners @ np.cross(right, camera.direction) / far
+    width, height = PIXELS
+    filled = max(np.abs(up).max(), np.abs(across).max() * height / width)
+    return float(0.96 * np.tan(np.radians(camera.view_angle / 2)) / filled)
+
+
+def draw_faces(faces: list[tuple[Array, str]], ink: str, paper: str) -> Any:
+    """A picture of faces (faces, corners, 3) by colour, with their edges.
+
+    Args:
+        faces: Faces and their colours.
+        ink: Colour of edges.
+        paper: Background.
+    """
+    import pyvista as pv
+
+    found = []
+    for corners, colour in faces:
+        rows = np.arange(len(corners) * corners.shape[1]).reshape(len(corners), -1)
+        found.append((pv.PolyData.from_regular_faces(corners.reshape(-1, 3), rows), colour))
+    return picture(found, None, paper, edges=ink)

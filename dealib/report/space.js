@@ -1,0 +1,94 @@
+"use strict";
+(() => {  // draws the data of report/space.py
+  const id = name => document.getElementById(name);
+  const data = JSON.parse(id("space-data").textContent);
+  const [plot, slider, menu, solid, play] =
+    ["space", "space-step", "space-quantity", "space-conductors", "space-play"].map(id);
+  const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0)).buffer;
+  const between = ([low, high]) => k => low + (high > low ? high - low : 1) * k / 65535;
+  const axes = data.ends[0].length;
+  const along = [...Array(axes).keys()].map(j => between([data.ends[0][j], data.ends[1][j]]));
+
+  const widths = data.box.map(([low, high]) => high - low);
+  const sizes = widths.map(width => width / Math.hypot(...widths));
+
+  for (const part of data.parts) {
+    const corners = [[], [], []];
+    part.n = 0;
+    for (const patch of part.patches) {
+      const triangles = new Uint32Array(bytes(patch.triangles));
+      triangles.forEach((corner, k) => corners[k % 3].push(part.n + corner));
+      patch.points = new Uint16Array(bytes(patch.points));
+      for (const name in patch.values)
+        patch.values[name] = new Uint16Array(bytes(patch.values[name]));
+      part.n += patch.n * patch.maps.length;
+    }
+    part.corners = corners;
+  }
+
+  function trace(part, step, quantity) {
+    const [x, y, z, values] = [0, 1, 2, 3].map(() => new Float32Array(part.n));
+    const read = between(quantity.ends), point = new Float32Array(axes);
+    const coloured = part.patches.every(patch => quantity.name in patch.values);
+    let at = 0;
+    for (const {n, maps, points, values: all} of part.patches)
+      for (const map of maps)
+        for (let i = step * n; i < (step + 1) * n; i++, at++) {
+          for (let j = 0; j < axes; j++) point[j] = along[j](points[i * axes + j]);
+          [x, y, z].forEach((to, k) => to[at] = map[k].reduce((sum, m, j) => sum + m * point[j], 0));
+          if (coloured) values[at] = read(all[quantity.name][i]);
+        }
+    const [i, j, k] = part.corners;
+    const found = {type: "mesh3d", x, y, z, i, j, k, flatshading: true, showscale: false,
+      visible: !part.conductor || solid.checked, hovertemplate:
+        "x %{x:.4g} mm<br>y %{y:.4g} mm<br>z %{z:.4g} mm" + (coloured ? "<br>%{text}" : "") + "<extra></extra>",
+      lighting: {ambient: 0.65, diffuse: 0.5, specular: 0.05, roughness: 0.9,
+        facenormalsepsilon: 0},  // else small triangles have no normals, and are dark
+      lightposition: {x: 20000, y: -40000, z: 80000}};
+    if (!coloured) return {...found, color: part.plain};
+    const unit = quantity.unit && ` ${quantity.unit}`;
+    return {...found, intensity: values, text: Array.from(values, v => v.toPrecision(4) + unit),
+      colorscale: quantity.colours, cmin: quantity.range[0], cmax: quantity.range[1],
+      showscale: !part.conductor,
+      colorbar: {title: {text: quantity.unit}, thickness: 14, len: 0.8}};
+  }
+
+  function draw() {
+    const step = Number(slider.value), quantity = data.quantities[menu.selectedIndex];
+    const style = getComputedStyle(document.body), ink = style.color;
+    const axis = (title, k) => ({title: {text: `${title} (mm)`}, range: data.box[k],
+      nticks: Math.round(2 + 6 * sizes[k]),
+      backgroundcolor: "rgba(0,0,0,0)", gridcolor: "rgba(128,128,128,0.35)", color: ink});
+    id("space-label").textContent = data.labels[step];
+    Plotly.react(plot, data.parts.map(part => trace(part, step, quantity)), {
+      uirevision: "kept", margin: {l: 0, r: 0, t: 0, b: 0}, paper_bgcolor: "rgba(0,0,0,0)",
+      font: {color: ink, family: style.fontFamily}, showlegend: false,
+      scene: {aspectmode: "manual", aspectratio: {x: 2.2 * sizes[0], y: 2.2 * sizes[1], z: 2.2 * sizes[2]},
+        xaxis: axis("x", 0), yaxis: axis("y", 1), zaxis: axis("z", 2),
+        camera: {eye: {x: 1.15, y: -1.55, z: 1.2}}},
+      modebar: {bgcolor: "rgba(0,0,0,0)", color: "rgba(128,128,128,0.7)", activecolor: ink},
+    }, {responsive: true, displaylogo: false, scrollZoom: true,
+      modeBarButtons: [["toImage"], ["zoom3d", "pan3d", "tableRotation", "resetCameraDefault3d"]]});
+  }
+
+  let waiting = false, timer = 0;
+  function ask() {  // draws once for all that happens in a short time
+    if (!waiting) setTimeout(() => { waiting = false; draw(); }, 20);
+    waiting = true;
+  }
+  for (const quantity of data.quantities) menu.add(new Option(quantity.title));
+  slider.max = data.labels.length - 1;
+  slider.value = data.start;
+  id("space-note").textContent = data.note;
+  solid.parentElement.hidden = !data.parts.some(part => part.conductor);
+  for (const part of [slider, menu, solid]) part.addEventListener("input", ask);
+  play.addEventListener("click", () => {
+    timer = timer ? clearInterval(timer) : setInterval(() => {
+      slider.value = (Number(slider.value) + 1) % data.labels.length;
+      ask();
+    }, 250);
+    play.textContent = timer ? "Stop" : "Play";
+  });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", ask);
+  draw();
+})();
