@@ -16,7 +16,7 @@ import dealib
 from dealib.cli.app import app
 from dealib.device.kinematics import AXISYMMETRIC
 from dealib.errors import ConfigError, DealibError, PlatformError
-from dealib.plots import animation, style, views
+from dealib.plots import animation, render, style, views
 from dealib.plots.contours import contours, magnification, scale
 from dealib.plots.curves import curves, overview
 from dealib.plots.labels import label
@@ -393,7 +393,7 @@ def test_the_revolved_view_shows_film_electrode_and_rigid_parts(strip_run):
 
 
 def test_without_rendering_the_revolved_view_is_refused(strip_run, monkeypatch):
-    monkeypatch.setattr(views, "_PROBE", "import os; os.abort()")
+    monkeypatch.setattr(render, "_PROBE", "import os; os.abort()")
     with pytest.raises(PlatformError, match="apt install libegl1") as caught:
         invoke("plot", strip_run.directory, "--revolved")
     assert caught.value.exit_code == 4

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -24,20 +25,24 @@ _PROBE = (
 )
 
 
+@functools.cache
+def _works(probe: str) -> bool:
+    """Whether code that renders does so in another process, found once."""
+    command = [sys.executable, "-c", probe]
+    try:
+        done = subprocess.run(command, capture_output=True, timeout=120, check=False)
+    except subprocess.TimeoutExpired:
+        return False
+    return done.returncode == 0
+
+
 def check_rendering() -> None:
     """Render a small picture in another process: without EGL or OSMesa, VTK ends its process.
 
     Raises:
         PlatformError: If it does.
     """
-    try:
-        done = subprocess.run(
-            [sys.executable, "-c", _PROBE], capture_output=True, timeout=120, check=False
-        )
-        works = done.returncode == 0
-    except subprocess.TimeoutExpired:
-        works = False
-    if not works:
+    if not _works(_PROBE):
         raise PlatformError(
             "3-D pictures need off-screen OpenGL (Debian: apt install libegl1 libegl-mesa0 "
             "libgl1); all other pictures work without it"
