@@ -9,10 +9,12 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import dealib  # before numpy, so that all processes compute with the same kernels
+
+# isort: split
 import pandas as pd
 import pytest
 
-import dealib
 from dealib.config import Config
 from dealib.device.gmsh_model import gmsh_model
 from dealib.results import local
