@@ -228,3 +228,28 @@ def test_the_field_of_a_second_film_of_the_same_material_counts():
     given = {"physics": MEMBRANE, "terminals": terminals, "materials": {"film": film}}
     end = rows(config("annulus", low, high, program=program, **given))[-1]
     assert end["field_max_MV_per_m"] == pytest.approx(20, rel=0.05)
+
+
+def test_a_locked_membrane_still_has_a_thickness():
+    """Beyond its limit at constant volume a film grows in volume; the results find that as well."""
+    gent = {"law": "gent", "shear_modulus": "15 kPa", "j_lim": 90, "bulk_modulus": "15 MPa"}
+    found = rows(
+        config(
+            "disc",
+            layer(thickness="12.5 um"),
+            mesh={"columns": 10},
+            physics={"model": "membrane"},
+            materials={"film": {**gent, "relative_permittivity": 4.8, "prestretch": 4}},
+            terminals={
+                "top": {"on": "film.top", "within": ["0 mm", "3.33333 mm"]},
+                "bottom": {"on": "film.bottom", "within": ["0 mm", "3.33333 mm"], "ground": True},
+            },
+            program=[
+                {"stage": "prestrain", "steps": 3},
+                {"stage": "actuate", "terminal": {"voltage": "2.4 kV"}, "steps": 20},
+            ],
+        )
+    )
+    assert found[-1]["locking_use"] > 1.02
+    assert all(np.isfinite(row["field_max_MV_per_m"]) for row in found)
+    assert np.sqrt(93 / 2) < found[-1]["stretch_max"] < 7  # the limit at constant volume

@@ -175,9 +175,11 @@ def thickness_stretches(
 
     log = -np.log(determinant(F))
     for _ in range(_MOST):
-        here, h = stress(log), 1e-5
-        slope = (stress(log + h) - stress(log - h)) / (2 * h)
+        with np.errstate(all="ignore"):
+            here, h = stress(log), 1e-5
+            slope = (stress(log + h) - stress(log - h)) / (2 * h)
         step = np.clip(here / slope, -0.5, 0.5)
+        step = np.where(np.isfinite(step), step, -0.02)  # locked: away from there
         log = log - step
         if np.abs(step).max(initial=0.0) < 1e-12:
             break
