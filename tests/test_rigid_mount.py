@@ -374,6 +374,7 @@ def test_a_device_on_a_turned_mesh_is_the_same(tmp_path):
         assert there[name] == pytest.approx(here[name], rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["solid", "membrane"])
 def test_two_mounts_that_turn_together_turn_their_forces(model):
     """A film stretched between two rigid mounts, which then turn by 30 degrees as one."""

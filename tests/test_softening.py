@@ -69,11 +69,15 @@ def expected(stretches, mullins=MULLINS, permanent_set=SET, fine=400):
     return P[fine::fine]
 
 
-@pytest.mark.parametrize("sections", [None, MEMBRANE], ids=["solid", "membrane"])
 @pytest.mark.parametrize(
-    ("given", "within"),
-    [({"permanent_set": None}, 1e-4), ({"mullins": None}, 2e-3), ({}, 2e-3)],
-    ids=["mullins", "set", "both"],
+    ("given", "within", "sections"),
+    [
+        ({"permanent_set": None}, 1e-4, None),
+        ({"mullins": None}, 2e-3, None),
+        ({}, 2e-3, None),
+        ({}, 2e-3, MEMBRANE),
+    ],
+    ids=["mullins", "set", "both", "membrane"],
 )
 def test_a_strip_softens_as_the_homogeneous_test(given, within, sections):
     found = pd.DataFrame(rows(strip(sections=sections, **given)))

@@ -107,6 +107,7 @@ def test_a_strip_buckles_at_its_voltage(tmp_path):
     assert "modes are those of a step at which stability is lost" in str(none.exception)
 
 
+@pytest.mark.slow
 def test_a_plate_wrinkles_at_its_voltage():
     """A quarter of a clamped square plate, pressed alike along both axes: 5.304 pi^2 D / L^2."""
     exact = buckling_voltage(5.304 * np.pi**2 / L**2)
