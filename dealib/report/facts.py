@@ -188,7 +188,7 @@ def energy(run: Run) -> Rows:
     ]
     if "dissipated_energy_mJ" in h:
         lost = h["dissipated_energy_mJ"].iloc[-1]
-        found.append(("Dissipated in Maxwell branches", f"{_number(lost)} mJ"))
+        found.append(("Dissipated in the materials", f"{_number(lost)} mJ"))
     told = f"{_number(residual)} mJ: {_share_told(run)}"
     return [*found, ("Largest residual of the balance", told)]
 
