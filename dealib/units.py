@@ -29,6 +29,7 @@ DIMENSIONS = {
     "time": ("s", "10 s"),
     "force": ("N", "-0.3 N"),
     "mass": ("kg", "20 g"),
+    "density": ("t/mm^3", "1000 kg/m^3"),
     "stress": ("MPa", "1 MPa"),
     "stiffness": ("N/mm", "0.1 N/mm"),
     "voltage": ("kV", "2.5 kV"),
@@ -37,6 +38,7 @@ DIMENSIONS = {
     "electric field": ("kV/mm", "80 V/um"),
     "resistance": ("Gohm", "10 kohm"),
     "rate": ("1/s", "0.01 1/s"),
+    "frequency": ("Hz", "100 Hz"),
     "angle": ("rad", "10 deg"),
     "moment": ("Nmm", "5 N mm"),
 }
@@ -47,6 +49,7 @@ USUAL = {
     "s": {"s": 1.0, "ms": 1e-3},
     "N": {"kN": 1e3, "N": 1.0, "mN": 1e-3},
     "kg": {"kg": 1.0, "g": 1e-3, "mg": 1e-6},
+    "t/mm^3": {"kg/m^3": 1e-12, "kg/m3": 1e-12, "g/cm^3": 1e-9, "g/cm3": 1e-9},
     "MPa": {"GPa": 1e3, "MPa": 1.0, "kPa": 1e-3, "Pa": 1e-6},
     "N/mm": {"N/mm": 1.0, "N/m": 1e-3},
     "kV": {"kV": 1.0, "V": 1e-3},
@@ -55,6 +58,7 @@ USUAL = {
     "Gohm": {"Gohm": 1.0, "Mohm": 1e-3, "kohm": 1e-6, "ohm": 1e-9},
     "kV/mm": {"kV/mm": 1.0, "V/um": 1.0, "MV/m": 1.0},
     "1/s": {"1/s": 1.0},
+    "Hz": {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6},
     "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180},
     "deg": {"deg": 1.0, "°": 1.0, "rad": 180 / math.pi},
     "Nmm": {"N m": 1e3, "Nm": 1e3, "Nmm": 1.0, "N mm": 1.0, "mN m": 1.0, "mN mm": 1e-3},
@@ -251,6 +255,8 @@ if TYPE_CHECKING:
     Rate: TypeAlias = float
     Angle: TypeAlias = float
     Moment: TypeAlias = float
+    Density: TypeAlias = float
+    Frequency: TypeAlias = float
 else:
     Length, Time, Force, Mass, Stress = map(
         _quantity, ("length", "time", "force", "mass", "stress")
@@ -259,4 +265,4 @@ else:
         _quantity, ("stiffness", "voltage", "charge", "volume")
     )
     ElectricField, Resistance, Rate = map(_quantity, ("electric field", "resistance", "rate"))
-    Angle, Moment = map(_quantity, ("angle", "moment"))
+    Angle, Moment, Density, Frequency = map(_quantity, ("angle", "moment", "density", "frequency"))

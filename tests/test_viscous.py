@@ -378,8 +378,8 @@ def test_one_internal_state_is_kept_beside_the_checkpoint(run):
     assert len(list(folder.glob("internal_*.npy"))) == 1
     saved = CheckpointFolder(run.directory).read()
     cells = 8 * (1 + 2)  # of film and electrodes
-    assert saved.internal.shape == (cells, 9, 2, 4)
-    assert evolution.determinant(saved.internal) == pytest.approx(1, abs=1e-10)
+    assert saved.beside["internal"].shape == (cells, 9, 2, 4)
+    assert evolution.determinant(saved.beside["internal"]) == pytest.approx(1, abs=1e-10)
 
 
 def test_stress_fields_hold_the_branches(run):

@@ -14,6 +14,7 @@ from dealib.materials.laws import LAWS, Law, invariants_of_stretches
 from dealib.materials.permittivity import RelativePermittivity, StretchPermittivity
 from dealib.materials.prestretch import thickness_range
 from dealib.materials.published import library
+from dealib.units import Density
 
 
 def _pair(value: object) -> object:
@@ -49,6 +50,9 @@ class Properties(Named):
         None,
         description="{intercept: a, slope: b} if it is a + b * stretch; without it the material "
         "conducts",
+    )
+    density: Density | None = Field(
+        None, gt=0, description="unstretched; what moves in time needs it, such as 960 kg/m^3"
     )
     prestretch: Annotated[
         tuple[Stretch, Stretch],

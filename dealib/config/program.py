@@ -138,6 +138,9 @@ class Stage(Section):
         (), description="ends the stage at a state that meets one"
     )
 
+    dynamic: bool = Field(
+        False, description="integrate the equations of motion; its steps are then steps in time"
+    )
     follow: Follow | None = Field(
         None, description="follow the branch of equilibria instead, past limit points"
     )
@@ -169,6 +172,8 @@ class Stage(Section):
             )
         if self.cycles > 1:
             raise ValueAt(("cycles",), "a branch is followed once")
+        if self.dynamic:
+            raise ValueAt(("dynamic",), "a branch is of equilibria")
         if self.stage == "prestrain":
             raise ValueAt(("follow",), "a prestrain stage takes no input")
         return self

@@ -25,7 +25,7 @@ from dealib.device.records import TERMINAL
 from dealib.device.shapes import AnnularStrips, Geometry, MeshShape
 from dealib.errors import ValueAt, did_you_mean
 from dealib.section import Section
-from dealib.units import ElectricField, Length, Resistance, Stress
+from dealib.units import ElectricField, Length, Rate, Resistance, Stress, Time
 
 # --- mesh -----------------------------------------------------------------------------------------
 
@@ -111,8 +111,16 @@ class Solver(Section):
     time_tolerance: float = Field(
         1e-3,
         ge=0,
-        description="on the strain of Maxwell branches in a step, by which increments are cut; 0: "
-        "never, steps as given",
+        description="on the strain of Maxwell branches in a step, and on the motion of a dynamic "
+        "one over the largest motion of its stage, by which increments are cut; 0: never, steps "
+        "as given",
+    )
+    rho: float = Field(
+        0.8,
+        ge=0,
+        le=1,
+        description="of dynamic stages: share that the fastest vibrations keep in a step; 1: no "
+        "algorithmic dissipation",
     )
     predictor_order: int = Field(
         3, ge=0, le=4, description="highest order of the extrapolation; 0: from the last state"
@@ -123,6 +131,15 @@ class Solver(Section):
         "FGMRES with multigrid, for thick solids in three dimensions; auto: iterative above 40,000 "
         "unknowns if the film is thicker than a tenth of its span, or if the memory is too small "
         "for direct; lu: LU of the whole tangent, for comparison",
+    )
+
+
+class Damping(Section):
+    """Rayleigh damping of what moves in time: forces in proportion to velocities."""
+
+    mass: Rate = Field(0.0, ge=0, description="a of the damping a M + b K, such as 5 1/s")
+    stiffness: Time = Field(
+        0.0, ge=0, description="b, such as 10 us; K is the stiffness of each step"
     )
 
 
@@ -219,6 +236,7 @@ class Config(Section):
         None, description="what else the history has, each a column of its name and unit"
     )
     physics: Physics = Physics()
+    damping: Damping = Damping()
     limits: Limits = Limits()
     sensing: Sensing = Sensing()
     solver: Solver = Solver()
@@ -261,6 +279,11 @@ class Config(Section):
         """The materials that are in the device."""
         used = dict.fromkeys(region.material for region in self.device.solids)
         return {name: self.materials[name] for name in used if name is not None}
+
+    @property
+    def moves(self) -> bool:
+        """Whether a stage of the program is dynamic."""
+        return any(stage.dynamic for stage in self.program)
 
     @property
     def film(self) -> Material:
@@ -315,6 +338,8 @@ class Config(Section):
         if self.regions is not None and not isinstance(self.geometry, MeshShape):
             raise ValueAt(("regions",), "only of geometry.shape: mesh; a layer names its material")
         check_inputs(self.program, self.device)
+        if self.moves:
+            self.check_density()
         check_probes(self)
         check_conditions(self)
         self._one_ladder()
@@ -325,6 +350,13 @@ class Config(Section):
         if self.output.modes and self.physics.coupling != "energy":
             raise ValueAt(("output", "modes"), "needs physics.coupling: energy")
         check_second_films(self)
+
+    def check_density(self) -> None:
+        """Raise `ValueAt` if a material in the device has no density."""
+        for name, material in self.solids.items():
+            if material.density is None:
+                problem = "this key is missing; what moves in time needs it, such as 960 kg/m^3"
+                raise ValueAt(("materials", name, "density"), problem)
 
     def _one_ladder(self) -> None:
         """Resistances are those of the electrodes on one film, along a line."""

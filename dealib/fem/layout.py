@@ -128,6 +128,11 @@ class Layout:
         return rows[self._owned[rows]]
 
     @property
+    def columns(self) -> int:
+        """Number of columns of nodal values."""
+        return self.local().shape[-1]
+
+    @property
     def displacements(self) -> tuple[Any, ...]:
         """Degrees of freedom of the displacement along each axis, (rows, nodes) each."""
         return tuple(dofs[self._cells] for dofs in self._dofs[: self._problem.kinematics.dim])

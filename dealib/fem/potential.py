@@ -54,6 +54,8 @@ class Problem:
         values: Values of these ports, as constants.
         mesh_motion: Fictitious energies that only move the air's mesh.
         coupling: How the electric field loads the body.
+        density: Of each material in motion, t/mm^3, as a constant.
+        rate_factor: Constant: acceleration a displacement, 1/s^2, of a step in time.
         locking: Constant: the share of a law's extensibility that `locked` asks for.
         branches: Potentials of the networks beside the laws over a step.
         terms: What they depend on besides the deformation (`Viscosity` sets it); None without.
@@ -74,6 +76,8 @@ class Problem:
     mesh_motion: list[Energy]
     coupling: Coupling
     locking: Any
+    density: dict[str, Any]
+    rate_factor: Any
     branches: list[Energy] = field(default_factory=list)
     terms: Any = None
     peaks: Any = None
@@ -114,6 +118,11 @@ class Problem:
     @cached_property
     def direction(self) -> Any:
         """A displacement, for the form 'along'."""
+        return fem.Function(self.spaces.W)
+
+    @cached_property
+    def rate(self) -> Any:
+        """Velocities or accelerations, for the forms of inertia."""
         return fem.Function(self.spaces.W)
 
     @property
@@ -257,6 +266,8 @@ class Problem:
         Args:
             name: 'elastic', 'electric' (energies); 'locked' (area near a law's limit);
                 'along' (the tangent's product with `direction`);
+                'mass', 'mass along' (of `rate_factor` times the mass, in that direction),
+                'inertia' (of `rate`), 'inertia work' (of `rate` in that direction);
                 'mounted' (volume of what carries stress), 'product' (of displacements over it);
                 'residual', 'tangent' (of both, coupled); 'mesh_residual', 'mesh_tangent' (of the
                 air's fictitious elasticity); 'dual PORT', 'column PORT', 'corner PORT PORT' (first
@@ -275,6 +286,8 @@ class Problem:
         if name == "product":
             u, v = (ufl.split(f(W))[0] for f in (ufl.TestFunction, ufl.TrialFunction))
             return compat.form(self._mounted(ufl.dot(u, v)))
+        if name in ("mass", "mass along", "inertia", "inertia work"):
+            return compat.form(self._inertia(name))
         if name in ("elastic", "electric", "wrinkled"):
             found = self.sheet.energy(name) if self.sheet else self.potential(getattr(self, name))
             return compat.form(found)
@@ -373,6 +386,19 @@ class Problem:
         """Integral over the mounted volume of what carries stress."""
         return _sum(self.over(group.name, density) for group in self.groups if group.material)
 
+    def _inertia(self, name: str) -> Any:
+        """Forms of the mass, which is that of the unstretched body."""
+        W = self.spaces.W
+        test = ufl.split(self.direction if name == "inertia work" else ufl.TestFunction(W))[0]
+        moved = {"mass": ufl.TrialFunction(W), "mass along": self.direction}.get(name, self.rate)
+        factor = self.rate_factor if name == "mass along" else 1.0
+        product = factor * ufl.dot(ufl.split(moved)[0], test)
+        return _sum(
+            self.over(g.name, self.density[g.material] * product / _pre_volume(g))
+            for g in self.groups
+            if g.material
+        )
+
     def set_prestretch(self, fraction: float) -> None:
         """Pre-stretch the body by a fraction (0: none, 1: all) of the config's pre-stretches."""
         for group in self.groups:
@@ -417,6 +443,12 @@ class Problem:
         sizes, film = self.domain.sizes, self.config.film
         stretch = math.sqrt(math.prod(film.prestretch))
         return float(EPSILON_0 * film.permittivity.at(stretch) * sizes.area / sizes.thickness)
+
+
+def _pre_volume(group: Group) -> Any:
+    """Mounted volume per unstretched volume of a group."""
+    p = group.prestretch
+    return 1 if p is None else p[0] * p[1] * p[2]
 
 
 def quadrature_degree(order: int) -> int:

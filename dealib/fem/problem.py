@@ -115,6 +115,8 @@ def problem_on(domain: Domain, config: Config) -> Problem:
         mesh_motion=motion,
         coupling=COUPLINGS[config.physics.coupling],
         locking=constant(mesh, 1.0),
+        density={k: constant(mesh, m.density or 0.0) for k, m in config.solids.items()},
+        rate_factor=constant(mesh, 1.0),
         branches=branches,
         terms=terms,
         peaks=peaks,

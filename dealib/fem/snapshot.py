@@ -16,6 +16,7 @@ from dealib.device.device import Device
 from dealib.device.records import TERMINAL, Port
 from dealib.fem.differential import capacitance_matrix, condensed, port_stiffness
 from dealib.fem.films import FilmPoints
+from dealib.fem.inertia import Inertia
 from dealib.fem.modes import Modes
 from dealib.fem.newton import Newton
 from dealib.fem.probes import Probes
@@ -105,6 +106,7 @@ class Snapshot:
         films: The films' Gauss points.
         probes: The config's probes.
         viscosity: State of the Maxwell branches, if there are some.
+        inertia: Velocities and accelerations, if a stage is dynamic.
         peaks: Where the margins are smallest, as far as they have been measured.
     """
 
@@ -112,6 +114,7 @@ class Snapshot:
     films: tuple[FilmPoints, ...]
     probes: Probes
     viscosity: Viscosity | None = None
+    inertia: Inertia | None = None
     peaks: dict[str, Extremum] = field(default_factory=dict)
 
     @property

@@ -15,8 +15,11 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.fem import petsc as fem_petsc
 
+from dealib.device.records import MOUNT, TURN
 from dealib.fem import compat
 from dealib.fem.constraints import FIELDS
+from dealib.fem.inertia import Inertia
+from dealib.fem.pattern import create_matrix
 from dealib.fem.platform import Platform
 from dealib.fem.problem import Problem
 
@@ -36,6 +39,7 @@ class PortLaw:
         value: Prescribed value of the port; None if it is loaded instead.
         load: Load that does not depend on the port's value.
         elements: What else loads it, each with the value that is its anchor.
+        mass: What hangs on it and moves with it, kg.
         weights: Weights of the ports' values. In place of the port's own value their sum is
             prescribed; of a loaded port the sum is taken from the load.
     """
@@ -43,6 +47,7 @@ class PortLaw:
     value: float | None = None
     load: float = 0.0
     elements: tuple[tuple[Element, float], ...] = ()
+    mass: float = 0.0
     weights: tuple[tuple[str, float], ...] = ()
 
     @property
@@ -70,7 +75,6 @@ class PortLaw:
 
 
 _NOISE = 1e-14  # of a port's column, of its largest entry
-_CHUNK = 10_000  # nodes whose neighbours are counted at a time
 
 
 class Timings(defaultdict[str, float]):
@@ -95,7 +99,8 @@ class System:
     Attributes:
         ports: The equation of each port.
         values: q at each port, of the last residual.
-        internal: dPi/dq at each port, of the last residual.
+        internal: dPi/dq at each port, of the last residual; in motion with the forces of inertia.
+        inertia: What a device in motion feels besides; `None` in equilibrium.
         timings: Seconds spent by phase.
     """
 
@@ -104,6 +109,7 @@ class System:
         self.ports = {name: PortLaw(value=0.0) for name in self.map.ports}
         self.values = dict.fromkeys(self.map.ports, 0.0)
         self.internal = dict.fromkeys(self.map.ports, 0.0)
+        self.inertia: Inertia | None = None
         self._eliminated: dict[str, Any] = {}
         self.q = self.map.create_vector()
         self.residual_vector = self.map.create_vector()
@@ -123,7 +129,9 @@ class System:
         self._columns = self.map.lgmap(self.map.columns)
         self._rows = [self.map.lgmap(rows) for _, _, rows in self._parts]
         with timings("matrix"):
-            self.matrix = self._create_matrix()
+            self.values = {port: 0.1 * (k + 3) for k, port in enumerate(self.values)}  # generic
+            self.matrix = create_matrix(problem, self._assemble)
+            self.values = dict.fromkeys(self.values, 0.0)
 
     # --- residual --------------------------------------------------------------------------------
 
@@ -131,16 +139,26 @@ class System:
         """Assemble r(q), with the port equations in their rows."""
         with self.timings("assembly"):
             self.expand(q)
+            self.values = self.map.port_values(q)
             out.set(0.0)
-            for form, _, rows in reversed(self._parts):
-                self._add_vector(out, form, rows)
-            self._forces = self._on_platforms()  # of the last part, the physical one
-            self.internal, self.values = self.map.port_values(out), self.map.port_values(q)
+            for form, _, rows in reversed(self._parts[1:]):
+                self._add_vector(out, [form], rows)
+            moved, forms = self.inertia, ["residual"]
+            if moved is not None:
+                forms += moved.accelerate(self.values)
+            self._add_vector(out, forms, self.map.physical)
+            self._forces = self._on_platforms()
+            if moved is not None:
+                moved.add_damping(out)
+            self.internal = self.map.port_values(out)
             for platform, forces in zip(self.map.platforms, self._forces, strict=True):
                 duals = self._summed(platform.directions(self.values) @ forces)
                 self.internal |= dict(zip(platform.ports, duals.tolist(), strict=True))
             for name in self.problem.values:
                 self.internal[name] = self.problem.integrate(f"dual {name}")
+            if moved is not None:
+                for name in self.ports:
+                    self.internal[name] += moved.push(name)
             for name, law in self.ports.items():
                 self.map.set_port(out, name, law.residual(name, self.values, self.internal[name]))
 
@@ -151,11 +169,12 @@ class System:
             self.problem.set_values(self.map.port_values(q))
         self.problem.settle()
 
-    def _add_vector(self, out: Any, form: str, rows: Any) -> None:
-        """Assemble a linear form into reduced rows."""
+    def _add_vector(self, out: Any, forms: Iterable[str], rows: Any) -> None:
+        """Assemble a sum of linear forms into reduced rows."""
         with self._local.localForm() as local:
             local.set(0.0)
-        fem_petsc.assemble_vector(self._local, self.problem.form(form))
+        for form in forms:
+            fem_petsc.assemble_vector(self._local, self.problem.form(form))
         with self._local.localForm() as local:
             used = rows >= 0
             out.setValues(rows[used], local.array_r[used], addv=PETSc.InsertMode.ADD_VALUES)
@@ -182,23 +201,31 @@ class System:
 
     # --- tangent ---------------------------------------------------------------------------------
 
-    def tangent(self, matrix: Any) -> None:
+    def tangent(self, matrix: Any, at_rest: bool = False) -> None:
         """Assemble dr/dq at the state of the last residual.
 
         A prescribed port loses its column with its row, which keeps the tangent symmetric where the
         problem is: its step is known, and `eliminate` takes it out of a right-hand side.
+
+        Args:
+            matrix: The matrix.
+            at_rest: Without inertia.
         """
         with self.timings("assembly"):
+            moved, summed = None if at_rest else self.inertia, []
             matrix.zeroEntries()
-            self._assemble(matrix)
-            summed = []
+            self._assemble(matrix, moved is not None)
             for name, law in self.ports.items():
                 if law.value is None:
                     slope = law.balance(self.values[name])[1]
+                    if moved is not None:
+                        slope -= moved.push_rate(name)
                     self._add(matrix, name, [(name, -slope), *law.weights])
                 elif law.weights:
                     summed.append(name)
             matrix.assemble()
+            if moved is not None:
+                moved.add_tangent(matrix)
             if summed:
                 mine = [self.map.ports[n] for n in summed] if self.map.comm.rank == 0 else []
                 matrix.zeroRows(mine, 0.0)
@@ -240,14 +267,14 @@ class System:
             self.map.set_port(right, name, steps[name])
         right.assemble()
 
-    def _assemble(self, matrix: Any) -> None:
+    def _assemble(self, matrix: Any, moving: bool = False) -> None:
         for (_, form, _), rows in zip(self._parts, self._rows, strict=True):
             matrix.setLGMap(rows, self._columns)
             fem_petsc.assemble_matrix(matrix, self.problem.form(form))
         matrix.assemblyBegin(PETSc.Mat.AssemblyType.FLUSH)
         matrix.assemblyEnd(PETSc.Mat.AssemblyType.FLUSH)
         for port in self.problem.values:
-            self._add_border(matrix, port, f"column {port}")
+            self._add_border(matrix, port, [f"column {port}"], _NOISE)
             for names, shares in self._on_ports():
                 for name, share in zip(names, shares.tolist(), strict=True):
                     self._add(matrix, port, [(name, share)])
@@ -256,117 +283,84 @@ class System:
                 if self.problem.form(f"corner {port} {other}") is not None:
                     corner = self.problem.integrate(f"corner {port} {other}")
                     self._add(matrix, port, [(other, corner)])
+        along = ["along", "mass along"] if moving else ["along"]
         for platform, forces in zip(self.map.platforms, self._forces, strict=True):
-            self._add_platform(matrix, platform, forces)
+            self._add_platform(matrix, platform, along)
+            bends = self._summed(platform.curvature(self.values, forces))
+            for name, bend in zip(platform.ports, bends.tolist(), strict=True):
+                self._add(matrix, name, zip(platform.ports, bend, strict=True))
         matrix.assemblyBegin(PETSc.Mat.AssemblyType.FLUSH)
         matrix.assemblyEnd(PETSc.Mat.AssemblyType.FLUSH)
 
-    def _add_platform(self, matrix: Any, platform: Platform, forces: Any) -> None:
-        """Add the rows and the columns of a rigid mount."""
+    def mass(self) -> Any:
+        """Mass matrix of the current state (collective), t; prescribed ports have none.
+
+        Ports that no degree of freedom follows, potentials and pressures have rows of zeros.
+        """
+        inertia, map_ = Inertia(self.problem, self.ports), self.map
+        matrix = inertia.matrix(self.matrix)
+        self.problem.rate_factor.value = 1.0
+        for platform in map_.platforms:
+            self._add_platform(matrix, platform, ["mass along"])
+        for port in self.problem.device.ports:
+            self._add(matrix, port.name, [(port.name, inertia.own_mass(port.name))])
+        matrix.assemble()
+        fixed = [map_.ports[n] for n, law in self.ports.items() if law.fixed]
+        matrix.zeroRowsColumns(fixed if map_.comm.rank == 0 else [], 0.0)
+        return matrix
+
+    def begin(self, duration: float) -> None:
+        """Prepare a step in time, in s, of a device in motion."""
+        moved = self.inertia
+        assert moved is not None
+        moved.begin(duration)
+        if not moved.stiffness_time:
+            return
+        self.values = moved.predict()
+        self.problem.set_values(self.values)
+        self.problem.settle()
+        matrix = self.matrix.copy()
+        matrix.zeroEntries()
+        self._assemble(matrix)
+        matrix.assemble()
+        still = [self.map.numbers(f) for f in FIELDS if f != "displacement"]
+        others = [p.name for p in self.problem.device.ports if p.kind not in (MOUNT, TURN)]
+        ports = [self.map.ports[name] for name in others] if self.map.comm.rank == 0 else []
+        matrix.zeroRowsColumns(np.concatenate([*still, ports]).astype(np.int32), 0.0)
+        moved.damp(matrix)
+        self.expand(self.q)
+
+    def _add_platform(self, matrix: Any, platform: Platform, forms: Iterable[str]) -> None:
+        """Add the rows and the columns of a rigid mount.
+
+        Args:
+            matrix: The matrix.
+            platform: The mount.
+            forms: Bilinear forms in the direction of `Problem.direction`.
+        """
         along = self.problem.direction.x.array
-        bends = self._summed(platform.curvature(self.values, forces))
-        for name, direction, bend in zip(
-            platform.ports, platform.directions(self.values), bends.tolist(), strict=True
-        ):
+        for name, direction in zip(platform.ports, platform.directions(self.values), strict=True):
             along[:] = 0.0
             along[platform.dofs] = direction
-            self._add_border(matrix, name, "along")
+            self._add_border(matrix, name, forms)
             for names, shares in self._on_ports():
                 self._add(matrix, name, zip(names, shares.tolist(), strict=True))
-            self._add(matrix, name, zip(platform.ports, bend, strict=True))
 
     def _on_ports(self) -> Iterator[tuple[tuple[str, ...], Any]]:
         """What the last linear form is along each port of the rigid mounts (collective)."""
         for platform, values in zip(self.map.platforms, self._on_platforms(), strict=True):
             yield platform.ports, self._summed(platform.directions(self.values) @ values)
 
-    def _add_border(self, matrix: Any, port: str, form: str) -> None:
+    def _add_border(self, matrix: Any, port: str, forms: Iterable[str], noise: float = 0.0) -> None:
         """Add the row and the column of a port that no degree of freedom follows."""
         column = self.q.duplicate()
         column.set(0.0)
-        self._add_vector(column, form, self.map.physical)
+        self._add_vector(column, forms, self.map.physical)
         start, _ = column.getOwnershipRange()
         # a follower pressure's part of nodes inside is rounding, which would miss the pattern
-        noise = _NOISE if form.startswith("column") else 0.0
         least = noise * column.norm(PETSc.NormType.NORM_INFINITY)
         mine = np.flatnonzero(np.abs(column.array_r) > least)
         rows, index = (start + mine).astype(np.int32), np.array([self.map.ports[port]], np.int32)
         values, add = column.array_r[mine], PETSc.InsertMode.ADD_VALUES
         matrix.setValues(rows, index, values, addv=add)
         matrix.setValues(index, rows, values, addv=add)
-
-    def _create_matrix(self) -> Any:
-        """The reduced matrix with just the entries that can be other than zero.
-
-        The pattern comes from a tangent at a generic state, at which no entry vanishes by chance.
-        Later assemblies skip exact zeros, which lie outside it.
-        """
-        w = self.problem.spaces.w
-        saved = w.x.array.copy()
-        index_map = self.problem.spaces.W.dofmap.index_map
-        local = np.concatenate([np.arange(*index_map.local_range), index_map.ghosts])
-        size = 1e-9 * self.problem.domain.sizes.thickness
-        w.x.array[:] = size * (1 + np.sin(1e3 * local))
-        given = {port: self.problem.value(port) for port in self.problem.values}
-        self.problem.set_values(dict.fromkeys(given, size))
-        self.problem.settle()
-        self.values = {port: 0.1 * (k + 3) for k, port in enumerate(self.values)}
-        owned = self.map.owned
-        loose = PETSc.Mat().createAIJ(((owned, None), (owned, None)), comm=self.map.comm)
-        loose.setPreallocationNNZ(self._row_bounds())
-        loose.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
-        loose.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)
-        for port in self.map.ports:
-            self._add(loose, port, [(other, 1.0) for other in self.map.ports])
-        self._assemble(loose)
-        loose.assemble()
-        matrix = loose.duplicate(copy=False)
-        matrix.setOption(PETSc.Mat.Option.IGNORE_ZERO_ENTRIES, True)
-        matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
-        w.x.array[:] = saved
-        self.values = dict.fromkeys(self.values, 0.0)
-        self.problem.set_values(given)
-        self.problem.settle()
-        return matrix
-
-    def _row_bounds(self) -> tuple[Any, Any]:
-        """Entries that a row can have, in this rank's columns and elsewhere; a port's may be full.
-
-        A row that outgrows its bound makes PETSc copy the whole matrix, again and again.
-        """
-        owned, ports = self.map.owned, len(self.map.ports)
-        here = np.full(owned, 16, dtype=np.int32)
-        if self.problem.domain.dim == 2:
-            here[:] = 96 if self.problem.spaces.order == 2 else 48
-        elif self.problem.domain.dim == 3:
-            counted = self._neighbours()[self.map.free]
-            here[: len(counted)] = counted
-        here += ports
-        elsewhere = here.copy()
-        if self.map.comm.rank == 0:
-            here[owned - ports :] = owned
-            elsewhere[owned - ports :] = self.q.size - owned
-        return np.minimum(here, owned), np.minimum(elsewhere, self.q.size - owned)
-
-    def _neighbours(self) -> Any:
-        """Number of degrees of freedom that share a cell with each local one."""
-        from scipy.sparse import csr_matrix
-
-        W, dim = self.problem.spaces.W, self.problem.kinematics.dim
-        every = compat.cell_dofs(W)
-        parts = [compat.cell_dofs(W.sub(0).sub(k)) for k in range(dim)]
-        parts += [compat.cell_dofs(W.sub(1))] if not self.problem.kinematics.sheet else []
-        first, cells = parts[0], np.arange(len(every)).repeat(parts[0].shape[1])
-        nodes, index = np.unique(first, return_inverse=True)
-        ones = np.ones(index.size, dtype=np.int8)
-        shared = csr_matrix((ones, (index.ravel(), cells)), (len(nodes), len(every)))
-        counts = np.empty(len(nodes), dtype=np.int32)
-        for k in range(0, len(nodes), _CHUNK):
-            counts[k : k + _CHUNK] = np.diff((shared[k : k + _CHUNK] @ shared.T).indptr)
-        mine = np.diff(shared.indptr)  # cells, each with its own pressures
-        pressures = every.shape[1] - sum(part.shape[1] for part in parts)
-        bound = counts * len(parts) + mine * pressures
-        found = np.full(int(every.max()) + 1, every.shape[1], dtype=np.int32)
-        for part in parts:
-            found[part.ravel()] = bound[index.ravel()]
-        return found

@@ -125,6 +125,10 @@ _TENSION_FIELD = Need(
     "physics.wrinkling: tension_field", lambda c: c.physics.wrinkling == "tension_field"
 )
 _TAUT = Need("physics.wrinkling: taut", lambda c: c.physics.wrinkling == "taut")
+_MOVES = Need("a stage with dynamic: true", lambda c: c.moves)
+_DAMPED = Need(
+    f"{_MOVES.text}, and damping", lambda c: c.moves and (c.damping.mass or c.damping.stiffness)
+)
 _FOLLOW = Need("a stage with follow", lambda c: any(s.follow is not None for s in c.program))
 _WATCHED = Need("output.modes above 0", lambda c: c.output.modes > 0)
 _COUNTED = Need(f"{_WATCHED.text}, or {_FOLLOW.text}", lambda c: _WATCHED.has(c) or _FOLLOW.has(c))
@@ -255,6 +259,27 @@ QUANTITIES: tuple[Quantity, ...] = (
     Q("rc_time_us", "us", "charging time constant", _time_constant, _RESISTANCE),
     Q("dissipated_energy_mJ", "mJ", "dissipated energy", _dissipated, _MEMORY),
     Q("dissipated_power_mW", "mW", "dissipated power", _power, _BRANCHES),
+    Q("kinetic_energy_mJ", "mJ", "kinetic energy", lambda s: s.inertia.kinetic, _MOVES),
+    Q("damped_energy_mJ", "mJ", "damped energy", lambda s: s.inertia.damped, _DAMPED),
+    Q(
+        *("numerical_dissipation_mJ", "mJ", "numerical dissipation"),
+        lambda s: s.inertia.numerical,
+        _MOVES,
+    ),
+    *(
+        Q(
+            name,
+            unit,
+            label,
+            lambda s, port: s.inertia.velocity(port.name) * port.kind.primal.factor,
+            _MOVES,
+            kind,
+        )
+        for name, unit, label, kind in (
+            ("velocity_mm_per_s", "mm/s", "velocity", MOUNT),
+            ("angular_velocity_deg_per_s", "deg/s", "angular velocity", TURN),
+        )
+    ),
     *(
         Q(f"{kind.name}_work_mJ", "mJ", f"work of the {kind.name}", kind=kind)
         for kind in (MOUNT, TERMINAL, CHAMBER, TURN)

@@ -15,6 +15,7 @@ from dealib.config.schema import Config
 from dealib.device.records import MOUNT, TURN
 from dealib.errors import ConfigError, ValueAt
 from dealib.fem.films import field_normals
+from dealib.fem.inertia import Inertia
 from dealib.fem.layout import Layout
 from dealib.fem.modes import Modes
 from dealib.fem.newton import Newton
@@ -39,6 +40,7 @@ class Engine:
         layout: Its nodal values.
         viscosity: State of the Maxwell branches, if there are some.
         newton: The solver.
+        inertia: Velocities and accelerations, if a stage is dynamic.
         predictor: Where it starts.
         progress: How far the program has come.
         normals: Directions across films that are no layers, at the local cells' Gauss points.
@@ -60,10 +62,12 @@ class Engine:
         pairs = [s.follow.pair for s in config.program if s.follow is not None]
         crossed = any(partner(vary) != along for vary, along in pairs)
         self.newton = Newton(self.problem, self.timings, symmetric=not crossed)
+        system = self.newton.system
+        self.inertia = Inertia(self.problem, system.ports) if config.moves else None
         self.predictor = Predictor(
             config.solver.predictor_order,
-            retrace=self.viscosity is None,
-            memory=remembered(self.newton.system.q.size),
+            retrace=self.viscosity is None and not config.moves,
+            memory=remembered(system.q.size),
         )
         self.progress = Progress(drives=rest(self.problem.device))
         self.normals = None
@@ -81,6 +85,36 @@ class Engine:
         for port, drives in self.progress.drives.items():
             self.newton.system.ports[port] = law(drives, at)
         return tuple(x for d in self.drives for x in (d.label, d.at(at)))
+
+    @property
+    def clocks(self) -> list[Viscosity | Inertia]:
+        """What goes on in time in the present stage: to begin, judge and commit its steps."""
+        return [c for c in (self.viscosity, self.newton.system.inertia) if c is not None]
+
+    def begin(self, duration: float) -> None:
+        """Prepare a step from the last converged state, in s."""
+        if self.viscosity is not None:
+            self.viscosity.begin(duration)
+        if self.newton.system.inertia is not None:
+            self.newton.system.begin(duration)
+
+    def enter(self, dynamic: bool) -> None:
+        """Enter a stage; motion begins and ends at rest (collective)."""
+        system, inertia = self.newton.system, self.inertia
+        if inertia is not None:
+            if not dynamic or system.inertia is None:
+                inertia.rest(system.map.port_values(system.q))
+            inertia.enter()
+        system.inertia = inertia if dynamic else None
+
+    def rates(self) -> Any:
+        """Velocities and accelerations of what moves in time (see `Inertia.gather`)."""
+        system = self.newton.system
+        if system.inertia is None:
+            return None
+        found = system.inertia.gather(self.layout)
+        system.expand(system.q)
+        return found
 
     def check_held(self, at: float) -> None:
         """Raise `ValueAt` if the whole device could move as a rigid body (collective)."""
@@ -149,15 +183,23 @@ class Engine:
             self.layout.scatter(None if mesh is None else saved.states[k])
             system.map.restrict(w, system.q, values)
             known.append(system.q.copy())
-        if self.viscosity is not None and self.progress.row is not None:
-            dissipated = self.progress.row["dissipated_energy_mJ"]
-            self.viscosity.restore(saved.internal, dissipated)
+        row = self.progress.row or {}
+        if self.viscosity is not None and row:
+            self.viscosity.restore(saved.beside.get("internal"), row["dissipated_energy_mJ"])
+        if self.inertia is not None and row:
+            self.inertia.damped = row.get("damped_energy_mJ", 0.0)
+            self.inertia.numerical = row["numerical_dissipation_mJ"]
+            if (rates := saved.values["rates"]) is not None:
+                at, nodal = system.map.port_values(system.q), saved.beside.get("rates")
+                self.inertia.restore(self.layout, nodal, rates, at)
+                system.inertia = self.inertia
+                system.expand(system.q)
         # states before row 0 are not saved: they lie on the way to the pre-stretch
         self.predictor.restore(saved.values["predictor"], known)
 
     def plain(self) -> dict[str, Any]:
         """What a checkpoint holds besides the states (collective)."""
-        map_ = self.newton.system.map
+        map_, moved = self.newton.system.map, self.newton.system.inertia
         of = map_.port_values
         free = {*self.problem.values, *(port for p in map_.platforms for port in p.ports)}
         ports = [  # of those that no degree of freedom follows
@@ -168,4 +210,5 @@ class Engine:
             "progress": self.progress.plain(),
             "predictor": self.predictor.plain(),
             "ports": ports,
+            "rates": None if moved is None else moved.plain(),
         }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from contextlib import nullcontext
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -18,7 +18,7 @@ from dealib.program.engine import Engine
 from dealib.program.margins import keep
 from dealib.program.stability import StabilityWatch
 from dealib.program.turns import alone
-from dealib.program.work import Work
+from dealib.program.work import LOST, STORED, Work
 
 log = logging.getLogger(__name__)
 
@@ -52,6 +52,11 @@ class State:
         viscosity = self.engine.viscosity
         return None if viscosity is None else viscosity.gather()
 
+    @alone()
+    def rates(self) -> Any:
+        """Velocities and accelerations, likewise (see `Inertia.gather`); None in equilibrium."""
+        return self.engine.rates()
+
 
 class _Measured(NamedTuple):
     """A state before it is accepted."""
@@ -79,8 +84,9 @@ class History:
 
     def met(self, stage: Stage, at: float) -> list[StopWhen]:
         """The conditions that the present state would meet (collective)."""
-        viscosity = self._engine.viscosity
-        with nullcontext() if viscosity is None else viscosity.tentative():
+        with ExitStack() as tried:
+            for clock in self._engine.clocks:
+                tried.enter_context(clock.tentative())
             return self._met(stage, self._measure(stage, at, {}).row)
 
     def accept(self, stage: Stage, at: float, last: bool, more: dict[str, Any]) -> State:
@@ -113,14 +119,13 @@ class History:
     def _measure(self, stage: Stage, at: float, more: dict[str, Any]) -> _Measured:
         of, p = self._engine, self._engine.progress
         row: dict[str, Any] = {"step": p.step + 1, "time_s": at, "stage": stage.stage}
-        snapshot = Snapshot(of.newton, self._films, self._probes, of.viscosity)
+        snapshot = Snapshot(of.newton, self._films, self._probes, of.viscosity, of.inertia)
         for column in self._measured:
             row[column.name] = column.measure(snapshot)
         if of.config.output.modes:
             row["unstable_modes"] = snapshot.modes.unstable
         work = replace(p.work, done=dict(p.work.done))
-        stored = row["elastic_energy_mJ"] + row["electric_energy_mJ"]
-        lost = row.get("dissipated_energy_mJ", 0.0)
+        stored, lost = (sum(row.get(name, 0.0) for name in names) for names in (STORED, LOST))
         before = p.ports if p.row is not None else None
         row |= work.add(of.problem.device, before, of.port_pairs(), stored, lost)
         return _Measured(row | more, snapshot, work)

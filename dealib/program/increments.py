@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from dealib.config.schema import Solver
 from dealib.errors import NotConverged
@@ -17,6 +17,13 @@ log = logging.getLogger(__name__)
 
 _SAFETY = 0.9  # of the increment that would just meet the tolerance
 _SMALLEST = 1e-9  # increment, of the first one wanted
+
+
+class Clock(Protocol):
+    """What goes on in time."""
+
+    def error(self) -> float:
+        """Relative error of the increment just solved, which grows as its square (collective)."""
 
 
 class _TooCoarse(NotConverged):
@@ -55,8 +62,7 @@ class Increments:
         settings: Targets and limits.
         predictor: Where Newton starts; it lasts over the stages.
         clock: Where the stage is; kept up to date.
-        error: Gives the time integration's error of the increment just solved; None if the states
-            do not depend on time.
+        clocks: What goes on in time, if the states depend on it.
     """
 
     def __init__(
@@ -65,11 +71,11 @@ class Increments:
         settings: Solver,
         predictor: Predictor,
         clock: StageClock | None = None,
-        error: Callable[[], float] | None = None,
+        clocks: Sequence[Clock] = (),
     ) -> None:
         self.newton, self.settings, self.predictor = newton, settings, predictor
         self.clock = StageClock() if clock is None else clock
-        self.error = error
+        self.clocks = clocks
 
     def run(
         self,
@@ -144,9 +150,9 @@ class Increments:
             _TooCoarse: If this one was too large.
         """
         tolerance = self.settings.time_tolerance
-        if self.error is None or tolerance == 0:
+        if not self.clocks or tolerance == 0:
             return math.inf
-        share = self.error() / tolerance
+        share = max(clock.error() for clock in self.clocks) / tolerance
         if share > 1:
             raise _TooCoarse(share)
         return _SAFETY * step / math.sqrt(max(share, 1e-12))

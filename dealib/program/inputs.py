@@ -30,6 +30,7 @@ class Drive:
         knots: Values at equal distances in time over one cycle.
         sign: From the user's dual to dPi/dq.
         element: The element.
+        weighs: Whether it is the weight of a mass, which then moves with the port.
     """
 
     label: str
@@ -38,6 +39,7 @@ class Drive:
     knots: tuple[float, ...]
     sign: float = 1.0
     element: Element | Gas | None = None
+    weighs: bool = False
 
     def at(self, cycle_fraction: float) -> float:
         """The input at a time, in cycles since the stage began."""
@@ -75,6 +77,7 @@ def law(drives: Drives, cycle_fraction: float) -> PortLaw:
     return PortLaw(
         load=sum(d.sign * d.at(cycle_fraction) for d in drives if d.element is None),
         elements=tuple((d.element, d.at(cycle_fraction)) for d in drives if d.element is not None),
+        mass=sum(max(0.0, *(-k for k in d.knots[1:])) / GRAVITY for d in drives if d.weighs),
     )
 
 
@@ -142,7 +145,7 @@ def _loaded(
     """Drives of a mount that masses, springs or other elements load."""
     if given.mass is not None:
         label = _label(port, "mass (as force)")
-        return (Drive(label, "N", "load", _from(force, _weights(given.mass))),)
+        return (Drive(label, "N", "load", _from(force, _weights(given.mass)), weighs=True),)
     if given.spring is not None:
         anchor = displacement + force / given.spring.stiffness
         label = _label(port, "spring.anchor")
@@ -173,7 +176,7 @@ def _bias(
     (path, knots), (_, given) = part.polyline, part.given
     label = _label(port, ".".join(("bias", str(index), *path)))
     if isinstance(given, tuple):
-        new = Drive(f"{label} (as force)", "N", "load", _weights(given))
+        new = Drive(f"{label} (as force)", "N", "load", _weights(given), weighs=True)
     else:
         if isinstance(given, SecondFilm):
             assert sample is not None

@@ -44,12 +44,14 @@ class Recorder:
         begin = time.perf_counter()
         ends = state.end_of_stage or state.lost
         stored = self._wanted == "every" or (self._wanted == "stage" and ends)
-        nodal, internal, values = state.nodal(), state.internal(), state.engine.plain()
+        nodal, internal, rates = state.nodal(), state.internal(), state.rates()
+        values = state.engine.plain()
         if self._writer is not None:
             viscosity = state.engine.viscosity
             at_gauss = None if viscosity is None else viscosity.at_points(internal)
             keep = state.engine.predictor.memory
-            kept = (nodal, stored, values, keep, internal, at_gauss, state.modes)
+            beside = {"internal": internal, "rates": rates}
+            kept = (nodal, stored, values, keep, beside, at_gauss, state.modes)
             self._writer.add(Record(state.row, *kept))
         self._timings["output"] += time.perf_counter() - begin
 

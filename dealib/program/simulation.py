@@ -106,9 +106,12 @@ class Simulation:
             )
         p.stage, p.stage_start, p.clock, p.branch = index, p.time, StageClock(), None
         p.over = False
+        self.engine.enter(stage.dynamic)
         self._check_held()
 
     def _check_held(self) -> None:
+        if self.engine.newton.system.inertia is not None:
+            return
         with self.case.blamed():
             self.engine.check_held(0.0)
 

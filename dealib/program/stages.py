@@ -41,12 +41,12 @@ def prestrain(of: Engine, history: History, stage: Stage) -> Iterator[State]:
 
 def ramp(of: Engine, history: History, stage: Stage) -> Iterator[State]:
     """Move the inputs through the stage, or what is left of it."""
-    p, viscosity = of.progress, of.viscosity
+    p, clocks = of.progress, of.clocks
     targets, corners = milestones(stage, of.drives)
 
     def apply(at: float) -> tuple[Any, ...]:
-        if viscosity is not None and at > p.clock.now:
-            viscosity.begin((at - p.clock.now) * stage.duration)
+        if at > p.clock.now:
+            of.begin((at - p.clock.now) * stage.duration)
         return of.apply(at)
 
     def time(at: float) -> float:
@@ -60,11 +60,10 @@ def ramp(of: Engine, history: History, stage: Stage) -> Iterator[State]:
         return bool(halvings) and step > 0.5 ** max(halvings) / stage.steps * (1 + 1e-9)
 
     apply(p.clock.now)
-    error = None if viscosity is None else viscosity.error
-    increments = Increments(of.newton, of.config.solver, of.predictor, p.clock, error)
+    increments = Increments(of.newton, of.config.solver, of.predictor, p.clock, clocks)
     for at in increments.run(targets, corners, apply, partial(_failure, of, stage), too_far):
-        if viscosity is not None:
-            viscosity.commit()
+        for clock in clocks:
+            clock.commit()
         yield _state(of, history, stage, time(at), last=at == targets[-1])
         if p.over:
             return

@@ -8,15 +8,16 @@ from dataclasses import dataclass, field
 from dealib.device.device import Device
 
 Two = tuple[float, float]
+STORED = ("elastic_energy_mJ", "electric_energy_mJ", "kinetic_energy_mJ")
+LOST = ("dissipated_energy_mJ", "damped_energy_mJ", "numerical_dissipation_mJ")
 
 
 @dataclass
 class Work:
     """Accumulates the work of all ports by the trapezoidal rule.
 
-    The balance compares it with the stored energy, elastic plus electric, and with what Maxwell
-    branches have dissipated; what remains is the error of the rule between the recorded states, of
-    second order in the increments.
+    The balance compares it with the stored energy and with what is dissipated. What remains is the
+    error of the rule between the recorded states, of second order in the increments.
 
     Attributes:
         done: Work of each port so far, mJ.
@@ -40,7 +41,7 @@ class Work:
             device: The device.
             last: Value and dual of each port in the last state; None before the first.
             now: The same now.
-            stored: Elastic and electric energy, mJ.
+            stored: Elastic, electric and kinetic energy, mJ.
             dissipated: Energy dissipated so far, mJ.
         """
         if last is None:

@@ -6,7 +6,7 @@ import hashlib
 import io
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from dealib.errors import ConfigError
 from dealib.files import guarded, write_bytes
 from dealib.results.elements import Array
 
-FOLDER, VALUES = "checkpoint", "program.json"
+FOLDER, VALUES, STATE = "checkpoint", "program.json", "state"
 
 
 @dataclass(frozen=True)
@@ -27,14 +27,14 @@ class Checkpoint:
         values: Plain values of the program.
         mesh: Fingerprint of the mesh that the states belong to.
         states: Nodal (u_R, u_Z, phi) of the last converged steps, newest last; on rank 0 only.
-        internal: Internal state of Maxwell branches at the last one, if there are any; likewise.
+        beside: What else there is of the last one, by name (see `Record.beside`); likewise.
         history: Checksum of the history's rows up to there (see `chained`).
     """
 
     values: dict[str, Any]
     mesh: str
     states: list[Array] = field(default_factory=list)
-    internal: Array | None = None
+    beside: dict[str, Array] = field(default_factory=dict)
     history: str = ""
 
     @property
@@ -62,7 +62,7 @@ class CheckpointFolder:
         mesh: str,
         state: Array,
         keep: int,
-        internal: Array | None = None,
+        beside: Mapping[str, Array | None],
     ) -> None:
         """Save a step, safe on the disk when this returns, and keep some states before it.
 
@@ -75,19 +75,20 @@ class CheckpointFolder:
             self._sums, self._history = found["sums"], found["history"]
         with guarded(self.folder):
             self.folder.mkdir(exist_ok=True)
-        arrays = {self._state(step): state, self._internal(step): internal}
-        for path, array in arrays.items():
+        for name, array in {STATE: state, **beside}.items():
             if array is not None:
+                path = self._array(name, step)
                 self._sums[path.name] = _save(path, array)
-        for path in (self._state(step - keep), self._internal(step - 1)):
+        old = [self._array(STATE, step - keep), *(self._array(n, step - 1) for n in beside)]
+        for path in old:
             self._sums.pop(path.name, None)
         self._history = chained(self._history, values["progress"]["row"])
         held = {"mesh": mesh, "values": values, "history": self._history}
         sums = {**self._sums, VALUES: _sum_of_values(values)}
         text = json.dumps({**held, "sums": sums})
         write_bytes(self.folder / VALUES, text.encode(), durable=True)
-        self._state(step - keep).unlink(missing_ok=True)
-        self._internal(step - 1).unlink(missing_ok=True)
+        for path in old:
+            path.unlink(missing_ok=True)
 
     def read(self) -> Checkpoint | None:
         """The last checkpoint, or None if there is none yet.
@@ -104,14 +105,16 @@ class CheckpointFolder:
                 raise ValueError(f"{VALUES} is not what the run has written")
             saved = Checkpoint(found["values"], found["mesh"], history=found["history"])
             step = saved.step
-            if self._internal(step).name in sums:
-                saved = replace(saved, internal=_load(self._internal(step), sums))
+            end = self._array("", step).name
+            for name in sums:
+                if name.endswith(end) and (of := name.removesuffix(end)) != STATE:
+                    saved.beside[of] = _load(self._array(of, step), sums)
             known = len(saved.values["predictor"]["known"])
-            while len(saved.states) < max(known, 1) and self._state(step).name in sums:
-                saved.states.insert(0, _load(self._state(step), sums))
+            while len(saved.states) < max(known, 1) and self._array(STATE, step).name in sums:
+                saved.states.insert(0, _load(self._array(STATE, step), sums))
                 step -= 1
             if not saved.states:
-                raise ValueError(f"{self._state(step).name} is missing")
+                raise ValueError(f"{self._array(STATE, step).name} is missing")
         except Exception as error:  # of a file whose content can be anything
             raise ConfigError(
                 f"{self.folder}: damaged checkpoint ({error}); start anew with --overwrite"
@@ -123,11 +126,8 @@ class CheckpointFolder:
         path = self.folder / VALUES
         return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None
 
-    def _state(self, step: int) -> Path:
-        return self.folder / f"state_{step:05d}.npy"
-
-    def _internal(self, step: int) -> Path:
-        return self.folder / f"internal_{step:05d}.npy"
+    def _array(self, name: str, step: int) -> Path:
+        return self.folder / f"{name}_{step:05d}.npy"
 
 
 def history_sum(rows: Iterable[Mapping[str, Any]]) -> str:

@@ -23,9 +23,11 @@ def fields(
     return Fields(config, mesh)(state, internal)
 
 
-def named(modes: Array | None) -> dict[str, Array]:
-    """Modes as fields 'mode', 'mode2', ..., (nodes, 3)."""
+def named(modes: Array | None, velocity: Array | None = None) -> dict[str, Array]:
+    """Modes as fields 'mode', 'mode2', ..., and the velocity in mm/s, (nodes, 3)."""
     found = {}
+    if velocity is not None:
+        found["velocity"] = np.pad(velocity, ((0, 0), (0, 3 - velocity.shape[1])))
     for k, u in enumerate(() if modes is None else modes, start=1):
         found["mode" + (str(k) if k > 1 else "")] = np.pad(u, ((0, 0), (0, 3 - u.shape[1])))
     return found

@@ -266,6 +266,10 @@ class Run:
         """
         return self._stored("modes", index)
 
+    def velocity(self, index: int = -1) -> Array | None:
+        """Nodal velocity at the index-th stored step, (nodes, axes), mm/s; None at rest."""
+        return self._stored("velocity", index)
+
     def _stored(self, group: str, index: int) -> Array | None:
         steps = self.stored_steps
         try:
@@ -281,14 +285,16 @@ class Run:
         """All nodal fields of the index-th stored step.
 
         Those of `dealib.results.fields`, the film's margins (see `dealib.results.margins`), and
-        where stability is lost the softest modes, 'mode', 'mode2', ...
+        where stability is lost the softest modes, 'mode', 'mode2', ...; in motion the 'velocity'.
         """
         from dealib.results import margins
         from dealib.results.fields import fields, named
 
         state = self.state(index)
         internal = self.internal(index)
-        found = fields(self.config, self.mesh, state, internal) | named(self.modes(index))
+        found = fields(self.config, self.mesh, state, internal) | named(
+            self.modes(index), self.velocity(index)
+        )
         return found | margins.fields(self.config, self.mesh, state, internal)
 
     def fields(self, index: int = -1) -> pyvista.UnstructuredGrid:

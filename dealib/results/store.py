@@ -83,8 +83,9 @@ def _keep(file: Any, name: str, values: npt.NDArray[Any]) -> None:
     file.create_dataset(name, data=values, fletcher32=True)
 
 
-# beside nodal values: C_i of Maxwell branches, as `fields` wants it; modes, (modes, nodes, axes)
-_MORE = ("internal", "modes")
+# beside nodal values: C_i of Maxwell branches, as `fields` wants it; modes, (modes, nodes, axes);
+# velocities, (nodes, axes)
+_MORE = ("internal", "modes", "velocity")
 _CHUNK = 64  # rows of the history that are allocated at a time
 
 

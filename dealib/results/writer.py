@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -45,8 +45,9 @@ class Record:
         stored: Whether the state and its fields are results, or only a checkpoint.
         values: Plain values for the checkpoint.
         keep: How many states a checkpoint keeps.
-        internal: Internal state of Maxwell branches, if there are some.
-        at_gauss: The same as `fields` wants it.
+        beside: What else a checkpoint holds of it: 'internal', the internal state of Maxwell
+            branches, and 'rates', velocities and accelerations, if there are some.
+        at_gauss: The internal state as `fields` wants it.
         modes: Displacements of modes, where stability is lost, (modes, nodes, axes).
     """
 
@@ -55,7 +56,7 @@ class Record:
     stored: bool
     values: dict[str, Any]
     keep: int
-    internal: Array | None = None
+    beside: Mapping[str, Array | None] = field(default_factory=dict)
     at_gauss: Array | None = None
     modes: Array | None = None
 
@@ -99,13 +100,15 @@ class StepWriter:
         """See `Writer`. The checkpoint comes last: what it knows of is all there."""
         begin = time.perf_counter()
         row, state, at_gauss = record.row, record.state, record.at_gauss
+        rates = record.beside.get("rates")
+        velocity = None if rates is None else rates[0]
         if self._fields is not None and record.stored:
-            derived = self._derive(state, at_gauss) | named(record.modes)
+            derived = self._derive(state, at_gauss) | named(record.modes, velocity)
             self._fields.add(row["step"], row["time_s"], derived)
         self._history.add(row)
-        more = {"internal": at_gauss, "modes": record.modes}
+        more = {"internal": at_gauss, "modes": record.modes, "velocity": velocity}
         self._states.add(row, state if record.stored else None, more)
-        self._checkpoint.write(record.values, self._mesh, state, record.keep, record.internal)
+        self._checkpoint.write(record.values, self._mesh, state, record.keep, record.beside)
         self.seconds += time.perf_counter() - begin
 
     def wait(self) -> None:

@@ -86,8 +86,8 @@ class Viscous(Bench):
             return (at,)
 
         settings = self.problem.config.solver
-        error = self.viscosity.error
-        increments = Increments(self.newton, settings, self._predictor, error=error)
+        clocks = [self.viscosity]
+        increments = Increments(self.newton, settings, self._predictor, clocks=clocks)
         targets = [k / steps for k in range(1, steps + 1)]
         for at in increments.run(targets, {1.0}, apply, lambda at: f"stopped at {at:g}"):
             self.viscosity.commit()

@@ -1,0 +1,321 @@
+"""Motion in time by generalised alpha: velocities, accelerations, and what they add to the forces.
+
+J. Chung and G. M. Hulbert, J. Appl. Mech. 60 (1993) 371, in the form of M. Arnold and O. Bruels,
+Multibody Syst. Dyn. 18 (2007) 185: the equations of motion hold at the end of a step, with the true
+acceleration r there, and so do those of potentials, pressures and ports. Averaged over a step they
+would let these oscillate from step to step. The displacement u, the velocity v and the auxiliary
+acceleration a follow
+
+    (1 - am) a' + am a = (1 - af) r' + af r,
+    u' = u + h v + h^2 ((1/2 - beta) a + beta a'),  v' = v + h ((1 - gamma) a + gamma a').
+
+So r' = k (u' - u*), with k and u* fixed at the start of the step: inertia over a step has the
+potential k/2 (u' - u*) . M (u' - u*), and the tangent stays symmetric.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+from dolfinx.fem import petsc as fem_petsc
+
+from dealib.fem.layout import Layout
+from dealib.fem.potential import Problem
+
+Array = npt.NDArray[np.float64]
+_TONNES = 1e-3  # of a kg
+_FLOOR = 1e-3  # of the film's thickness: smaller motion is not resolved
+
+
+@dataclass(frozen=True)
+class Rates:
+    """A state in motion: degrees of freedom of this rank, then the values of all ports.
+
+    Attributes:
+        u: Where it is, mm.
+        v: Velocity, mm/s.
+        a: Auxiliary acceleration, mm/s^2.
+        r: True acceleration, mm/s^2.
+    """
+
+    u: Array
+    v: Array
+    a: Array
+    r: Array
+
+    @classmethod
+    def rest(cls, u: Array) -> Rates:
+        """At rest, in equilibrium."""
+        return cls(u, *np.zeros((3, *u.shape)))
+
+
+class Inertia:
+    """What a device in motion feels besides its potential.
+
+    Attributes:
+        now: The last accepted state.
+        stiffness_time: Rayleigh's factor of the stiffness, s.
+        damped: Energy lost to Rayleigh damping since the stage began, mJ.
+        numerical: Energy lost to the time integration, likewise.
+
+    Args:
+        problem: The problem.
+        laws: The equation of each port, which says what hangs on it.
+    """
+
+    def __init__(self, problem: Problem, laws: Mapping[str, Any]) -> None:
+        config, self._laws = problem.config, laws
+        self._problem, self._map = problem, problem.constraints
+        self._mass_rate, self.stiffness_time = config.damping.mass, config.damping.stiffness
+        rho = config.solver.rho
+        am, af = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
+        self._am, self._af = am, af
+        self._beta, self._gamma = (1 - am + af) ** 2 / 4, 0.5 - am + af
+        self._own = {port.name: _TONNES * port.mass for port in problem.device.ports}
+        self._ports = list(self._map.ports)
+        self._step, self._floor = 0.0, _FLOOR * problem.domain.sizes.thickness
+        self.now = Rates.rest(self._position(dict.fromkeys(self._ports, 0.0)))
+        self._fastest = 0.0
+        self.damped = self.numerical = 0.0
+        self._matrix: Any = None
+        self._stiffness: Any = None
+        self._mass = self._total_mass()
+
+    # --- matrices --------------------------------------------------------------------------------
+
+    def matrix(self, like: Any) -> Any:
+        """Mass matrix of the reduced unknowns that degrees of freedom follow, t.
+
+        Args:
+            like: A matrix with the tangent's pattern.
+        """
+        map_ = self._map
+        matrix = like.duplicate(copy=False)
+        matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
+        matrix.setLGMap(map_.lgmap(map_.physical), map_.lgmap(map_.columns))
+        fem_petsc.assemble_matrix(matrix, self._problem.form("mass"))
+        matrix.assemble()
+        return matrix
+
+    def own_mass(self, port: str) -> float:
+        """Mass of a rigid mount and of what hangs on it, t."""
+        return self._own[port] + _TONNES * float(self._laws[port].mass)
+
+    # --- steps -----------------------------------------------------------------------------------
+
+    def rest(self, values: dict[str, float]) -> None:
+        """Be at rest at the problem's state, with the ports at these values (collective).
+
+        What moved before has lost its kinetic energy.
+        """
+        self.numerical += self.kinetic
+        self.now, self._step = Rates.rest(self._position(values)), 0.0
+
+    def enter(self) -> None:
+        """Begin a stage: its fastest motion counts from here."""
+        self._fastest = 0.0
+
+    def begin(self, duration: float) -> None:
+        """Prepare a step from the last accepted state, in s."""
+        am, af, n, h = self._am, self._af, self.now, duration
+        if self._step and self._step != h:  # a belongs to a time that depends on the step
+            n = self.now = replace(n, a=n.r + (n.a - n.r) * h / self._step)
+        self._step = h
+        self._k = (1 - am) / ((1 - af) * self._beta * h**2)
+        free = n.u + h * n.v + h**2 * (0.5 - self._beta) * n.a
+        self._r0 = (am * n.a - af * n.r) / (1 - af) - self._k * free
+        speed = self._gamma / (self._beta * h)
+        self._v0 = n.v + h * (1 - self._gamma) * n.a - speed * free
+        self._speed, self._factor = speed, self._k + self._mass_rate * speed
+        self._problem.rate_factor.value = self._factor
+
+    def predict(self) -> dict[str, float]:
+        """Set the problem's state to where the velocity leads it; returns the ports' values."""
+        at, count = self.now.u + self._step * self.now.v, len(self._ports)
+        self._set(self._problem.spaces.w, at)
+        return dict(zip(self._ports, at[len(at) - count :].tolist(), strict=True))
+
+    def damp(self, stiffness: Any) -> None:
+        """Take the reduced stiffness that damps the step, in displacements alone."""
+        self._stiffness = stiffness
+
+    def accelerate(self, values: dict[str, float]) -> list[str]:
+        """Set the accelerations of the problem's state; the linear forms that they load.
+
+        Args:
+            values: Of the ports.
+        """
+        self._u = self._position(values)
+        self._forced = self._factor * self._u + self._r0 + self._mass_rate * self._v0
+        self._set(self._problem.rate, self._forced)
+        return ["inertia"]
+
+    def add_damping(self, out: Any) -> None:
+        """Add the reduced forces that the stiffness damps with, at these accelerations."""
+        if self._stiffness is not None:
+            force = out.duplicate()
+            self._stiffness.mult(self._reduced(self._speed * self._u + self._v0), force)
+            out.axpy(self.stiffness_time, force)
+
+    def push(self, port: str) -> float:
+        """Force of inertia of a mount's own mass at these accelerations, N."""
+        return self.own_mass(port) * self._of(self._forced, port)
+
+    def push_rate(self, port: str) -> float:
+        """Its derivative by the port's value, N/mm."""
+        return self.own_mass(port) * self._factor
+
+    def add_tangent(self, matrix: Any) -> None:
+        """Add the derivative of the forces of inertia and damping on degrees of freedom."""
+        if self._matrix is None:
+            self._matrix = self.matrix(matrix)
+        same = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
+        matrix.axpy(self._factor, self._matrix, structure=same)
+        if self._stiffness is not None:
+            matrix.axpy(self.stiffness_time * self._speed, self._stiffness, structure=same)
+
+    def error(self) -> float:
+        """Error of the step just solved over a step at the stage's largest velocity (collective).
+
+        Root mean square over the mass of (beta - 1/6) h^2 (r' - r) (O. C. Zienkiewicz, Y. M. Xie,
+        Earthq. Eng. Struct. Dyn. 20 (1991) 871), over that of h v.
+        """
+        end, h = self._reached(), self._step
+        missed = self._size((self._beta - 1 / 6) * h**2 * (end.r - self.now.r))
+        return missed / max(h * self._speed_so_far(end), self._floor)
+
+    def commit(self) -> None:
+        """Accept the current state as the end of the step (collective).
+
+        The work of the forces of inertia along the step, by the trapezoidal rule as that of the
+        ports, is the change of the kinetic energy and what the integration loses.
+        """
+        end, n = self._reached(), self.now
+        moved = end.u - n.u
+        work = self._product(n.r + end.r, moved) / 2
+        self.numerical += work - self._kinetic(end.v) + self._kinetic(n.v)
+        self.damped += self._mass_rate * self._product(n.v + end.v, moved) / 2
+        if self._stiffness is not None:
+            speed, force = self._reduced((n.v + end.v) / 2), self._reduced(moved)
+            self._stiffness.mult(speed, force)
+            self.damped += self.stiffness_time * force.dot(self._reduced(moved))
+        self.now, self._fastest = end, self._speed_so_far(end)
+
+    @contextmanager
+    def tentative(self) -> Iterator[None]:
+        """Accept the current state for a while, to look at it (collective)."""
+        kept = self.now, self._fastest, self.damped, self.numerical
+        self.commit()
+        try:
+            yield
+        finally:
+            self.now, self._fastest, self.damped, self.numerical = kept
+
+    # --- results ---------------------------------------------------------------------------------
+
+    @property
+    def kinetic(self) -> float:
+        """Kinetic energy, mJ (collective)."""
+        return self._kinetic(self.now.v)
+
+    def velocity(self, port: str) -> float:
+        """Of a port's value, mm/s."""
+        return self._of(self.now.v, port)
+
+    # --- checkpoints -----------------------------------------------------------------------------
+
+    def gather(self, layout: Layout) -> Array | None:
+        """Nodal v, a and r of the whole mesh on rank 0, (3, nodes, axes) (collective).
+
+        The problem's state is another one afterwards.
+        """
+        found = []
+        for rates in (self.now.v, self.now.a, self.now.r):
+            self._set(self._problem.spaces.w, rates)
+            nodal = layout.gather()
+            if nodal is not None:
+                found.append(nodal[:, : self._problem.kinematics.dim])
+        return np.array(found) if found else None
+
+    def plain(self) -> dict[str, Any]:
+        """What else a checkpoint holds."""
+        n, count = self.now, len(self._ports)
+        ports = [x[len(x) - count :].tolist() for x in (n.v, n.a, n.r)]
+        return {"ports": ports, "step": self._step, "fastest": self._fastest}
+
+    def restore(
+        self, layout: Layout, gathered: Array | None, plain: dict[str, Any], at: dict[str, float]
+    ) -> None:
+        """Inverse of both, at the problem's state with the ports at some values (collective).
+
+        The problem's state is another one afterwards.
+        """
+        found = [self._position(at)]
+        for k, ports in enumerate(plain["ports"]):
+            nodal = None
+            if gathered is not None:
+                size = layout.columns - gathered.shape[2]
+                nodal = np.pad(gathered[k], ((0, 0), (0, size)))
+            layout.scatter(nodal)
+            found.append(np.concatenate([self._problem.spaces.w.x.array, ports]))
+        self.now = Rates(*found)
+        self._step, self._fastest = plain["step"], plain["fastest"]
+
+    # --- parts -----------------------------------------------------------------------------------
+
+    def _of(self, rates: Array, port: str) -> float:
+        return float(rates[len(rates) - len(self._ports) + self._ports.index(port)])
+
+    def _position(self, values: dict[str, float]) -> Array:
+        return np.concatenate(
+            [self._problem.spaces.w.x.array, [values[port] for port in self._ports]]
+        )
+
+    def _set(self, function: Any, rates: Array) -> None:
+        function.x.array[:] = rates[: len(rates) - len(self._ports)]
+
+    def _reached(self) -> Rates:
+        u, h = self._u, self._step
+        n = self.now
+        a = (u - n.u - h * n.v - h**2 * (0.5 - self._beta) * n.a) / (self._beta * h**2)
+        return Rates(u, self._speed * u + self._v0, a, self._k * u + self._r0)
+
+    def _product(self, x: Array, y: Array) -> float:
+        """X . M y with the masses of the mounts, mJ (collective)."""
+        self._set(self._problem.rate, x)
+        self._set(self._problem.direction, y)
+        mounts = sum(self.own_mass(p) * self._of(x, p) * self._of(y, p) for p in self._ports)
+        return self._problem.integrate("inertia work") + mounts
+
+    def _total_mass(self) -> float:
+        """Of the body and of the mounts, t (collective)."""
+        ones = np.ones_like(self.now.u)
+        ones[len(ones) - len(self._ports) :] = 0.0
+        body = self._product(ones, ones) / self._problem.kinematics.dim
+        return body + sum(self._own.values())
+
+    def _reduced(self, rates: Array) -> Any:
+        """Of the reduced unknowns, as a vector."""
+        map_, found = self._map, self._map.create_vector()
+        found.array[: len(map_.free)] = rates[map_.free]
+        for port in self._ports:
+            map_.set_port(found, port, self._of(rates, port))
+        found.assemble()
+        return found
+
+    def _kinetic(self, v: Array) -> float:
+        return self._product(v, v) / 2
+
+    def _size(self, x: Array) -> float:
+        """Root mean square over the mass, mm."""
+        return float(np.sqrt(self._product(x, x) / self._mass))
+
+    def _speed_so_far(self, end: Rates) -> float:
+        return max(self._fastest, self._size(end.v))
