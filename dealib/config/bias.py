@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeAlias
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from dealib.config.messages import in_file, problem
+from dealib.config.wave import Wave, course
 from dealib.errors import ValueAt
 from dealib.materials.laws import LAWS
 from dealib.section import OneOf, Section
@@ -27,14 +28,11 @@ def _no_pull(mass: float) -> float:
 
 if TYPE_CHECKING:
     Lengths: TypeAlias = tuple[float, ...]
-    Forces: TypeAlias = tuple[float, ...]
     Masses: TypeAlias = tuple[float, ...]
+    Anchor: TypeAlias = tuple[float, ...] | Wave
 else:
-    Lengths, Forces, Masses = (
-        list_of(Length),
-        list_of(Force),
-        list_of(Annotated[Mass, AfterValidator(_no_pull)]),
-    )
+    Lengths, Masses = list_of(Length), list_of(Annotated[Mass, AfterValidator(_no_pull)])
+    Anchor = course(Length, "anchor")
 
 
 class Load(Protocol):
@@ -48,7 +46,7 @@ class Spring(Section):
     """Linear spring between the mount and an anchor that moves to its given position."""
 
     stiffness: Stiffness = Field(gt=0)
-    anchor: Lengths = Field(description="where the anchor moves, as a displacement")
+    anchor: Anchor = Field(description="where the anchor moves, as a displacement")
 
     def load(self, x: float) -> tuple[float, float]:
         """See `Load`."""
@@ -60,7 +58,7 @@ class Bistable(Section):
 
     rate: Stiffness = Field(lt=0, description="stiffness at the anchor; negative")
     well: Length = Field(gt=0, description="distance of both rest positions from the anchor")
-    anchor: Lengths = Field(description="where its unstable centre moves, as a displacement")
+    anchor: Anchor = Field(description="where its unstable centre moves, as a displacement")
 
     def load(self, x: float) -> tuple[float, float]:
         """See `Load`."""
@@ -75,7 +73,7 @@ class Table(Section):
         min_length=2, description="of the mount from the anchor, increasing"
     )
     force: tuple[Force, ...] = Field(min_length=2, description="on the mount; negative is down")
-    anchor: Lengths = Field(description="where the zero of the table moves, as a displacement")
+    anchor: Anchor = Field(description="where the zero of the table moves, as a displacement")
 
     @model_validator(mode="after")
     def _matches(self) -> Table:
@@ -165,8 +163,8 @@ class BiasElement(OneOf):
     film: SecondFilm | None = Field(None, description="a second film: double cone")
 
     @property
-    def polyline(self) -> tuple[tuple[str, ...], tuple[float, ...]]:
-        """Path and values of what may move."""
+    def course(self) -> tuple[tuple[str, ...], tuple[float, ...] | Wave]:
+        """Path and course of what may move."""
         name, given = self.given
         if isinstance(given, tuple):
             return (name,), given

@@ -7,35 +7,40 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from pydantic import Field, TypeAdapter, model_validator
 
-from dealib.config.bias import BiasElement, Element, Forces, Lengths, Masses, Spring
+from dealib.config.bias import BiasElement, Element, Masses, Spring
 from dealib.config.follow import Follow
 from dealib.config.names import Cell
 from dealib.config.stop import Condition
+from dealib.config.wave import Wave, course
 from dealib.device.device import Device
 from dealib.device.records import KINDS, PortKind
 from dealib.errors import ValueAt, did_you_mean
 from dealib.section import OneOf, Section
-from dealib.units import Angle, Charge, Moment, Stress, Time, Voltage, Volume, list_of
-
-if TYPE_CHECKING:
-    Voltages: TypeAlias = tuple[float, ...]
-    Charges: TypeAlias = tuple[float, ...]
-    Pressures: TypeAlias = tuple[float, ...]
-    Volumes: TypeAlias = tuple[float, ...]
-    Angles: TypeAlias = tuple[float, ...]
-    Moments: TypeAlias = tuple[float, ...]
-else:
-    Voltages, Charges = list_of(Voltage), list_of(Charge)
-    Pressures, Volumes = list_of(Stress), list_of(Volume)
-    Angles, Moments = list_of(Angle), list_of(Moment)
+from dealib.units import Angle, Charge, Force, Length, Moment, Stress, Time, Voltage, Volume
 
 Path_: TypeAlias = tuple[str | int, ...]
+Course: TypeAlias = tuple[float, ...] | Wave
+
+if TYPE_CHECKING:
+    Displacements: TypeAlias = Course
+    Forces: TypeAlias = Course
+    Voltages: TypeAlias = Course
+    Charges: TypeAlias = Course
+    Pressures: TypeAlias = Course
+    Volumes: TypeAlias = Course
+    Angles: TypeAlias = Course
+    Moments: TypeAlias = Course
+else:
+    Displacements, Forces = course(Length, "displacement"), course(Force, "force")
+    Voltages, Charges = course(Voltage, "voltage"), course(Charge, "charge")
+    Pressures, Volumes = course(Stress, "pressure"), course(Volume, "volume")
+    Angles, Moments = course(Angle, "rotation"), course(Moment, "moment")
 
 
 class _Port(OneOf):
     @property
-    def polylines(self) -> list[tuple[Path_, tuple[float, ...]]]:
-        """Path and values of each input that is given."""
+    def courses(self) -> list[tuple[Path_, Course]]:
+        """Path and course of each input that is given."""
         name, given = self.given
         if isinstance(given, Spring):
             return [((name, "anchor"), given.anchor)]
@@ -45,7 +50,7 @@ class _Port(OneOf):
 class MountInput(_Port):
     """What drives the mount, one of: a value to ramp to, or a list: a polyline over the stage."""
 
-    displacement: Lengths | None = Field(None, description="prescribed; negative is down")
+    displacement: Displacements | None = Field(None, description="prescribed; negative is down")
     force: Forces | None = Field(None, description="prescribed; negative is down")
     mass: Masses | None = Field(None, description="suspended: force -m g")
     spring: Spring | None = Field(None, description="linear spring to a moving anchor")
@@ -54,11 +59,11 @@ class MountInput(_Port):
     )
 
     @property
-    def polylines(self) -> list[tuple[Path_, tuple[float, ...]]]:
+    def courses(self) -> list[tuple[Path_, Course]]:
         """See `_Port`."""
         if self.bias is None:
-            return super().polylines
-        found = [element.polyline for element in self.bias]
+            return super().courses
+        found = [element.course for element in self.bias]
         return [(("bias", i, *path), values) for i, (path, values) in enumerate(found)]
 
 
@@ -93,9 +98,9 @@ class ChamberInput(_Port):
     gas: Gas | None = Field(None, description="closed: the pressure follows the volume")
 
     @property
-    def polylines(self) -> list[tuple[Path_, tuple[float, ...]]]:
+    def courses(self) -> list[tuple[Path_, Course]]:
         """See `_Port`."""
-        return [] if self.gas is not None else super().polylines
+        return [] if self.gas is not None else super().courses
 
 
 class TurnInput(_Port):
@@ -183,14 +188,17 @@ class Stage(Section):
         """A cycle begins where the one before ended, or the input would jump."""
         if self.cycles == 1:
             return self
-        driven = [(path, *found) for path, _, _, given in self.inputs for found in given.polylines]
+        driven = [(path, *found) for path, _, _, given in self.inputs for found in given.courses]
         if not driven:
             raise ValueAt(("cycles",), "only an input of this stage can be repeated; it has none")
         for path, name, values in driven:
-            if len(values) == 1:
-                where, need = (*path, *name), "a list, such as [0, peak, 0] with units"
+            where: Path_ = (*path, *name)
+            if isinstance(values, Wave):
+                where, need = ("cycles",), "lists; a wave goes on by itself, over a longer duration"
+            elif len(values) == 1:
+                need = "a list, such as [0, peak, 0] with units"
             elif values[0] != values[-1]:
-                where, need = (*path, *name), "a list that ends where it begins"
+                need = "a list that ends where it begins"
             else:
                 continue
             raise ValueAt(where, f"{self.cycles} cycles need {need}")

@@ -17,6 +17,7 @@ from dealib.config.probes import Probe, check_probes
 from dealib.config.program import Stage, check_inputs
 from dealib.config.stop import Condition, check_conditions
 from dealib.config.tables import Tables
+from dealib.config.wave import reach
 from dealib.device import msh
 from dealib.device.assembly import Sections, device
 from dealib.device.device import Device
@@ -383,7 +384,7 @@ class Config(Section):
         for stage in self.program:
             where = f"in stage {stage.stage!r}"
             moved = (getattr(item, "displacement", None) for *_, item in stage.inputs)
-            given += [(where, values) for values in moved if values]
+            given += [(where, reach(course)) for course in moved if course]
             if stage.follow is not None and stage.follow.pair[1] == "displacement":
                 given.append((where, (stage.follow.until["displacement"],)))
         if self.tables is not None:

@@ -12,6 +12,7 @@ import numpy as np
 from dealib.config.bias import Bistable, Sampled, Table
 from dealib.config.case import Case
 from dealib.config.program import MountInput, Stage, TerminalInput
+from dealib.config.wave import reach as reach_of
 from dealib.device.records import MOUNT, TERMINAL
 from dealib.errors import ConfigError, NotConverged
 from dealib.fem.system import PortLaw
@@ -51,14 +52,14 @@ def chart(
         ConfigError: If there is no bias, no voltage, or no reach to be guessed.
         NotConverged: If the film cannot be moved so far.
     """
-    given = _bias(case)
+    stage, given = _bias(case)
     volts = _full_voltage(case) if voltage is None else voltage
     if volts == 0:
         raise ConfigError("the program applies no voltage; give one with --voltage")
     case = _in_the_long_run(case)
     simulation = Simulation(case)
     (mount,) = case.config.device.of(MOUNT)
-    bias = law(drives(mount, given, 0.0, 0.0, sample=simulation.sample), 1.0)
+    bias = law(drives(mount, given, 0.0, 0.0, sample=simulation.sample, stage=stage), 1.0)
     low, high = reach or _reach(case, bias, volts)
     curves = _film(case, volts, low, high, points)
     u = np.linspace(low, high, _FINE)
@@ -79,11 +80,11 @@ def _in_the_long_run(case: Case) -> Case:
     return replace(case, config=case.config.model_copy(update={"materials": materials}))
 
 
-def _bias(case: Case) -> MountInput:
+def _bias(case: Case) -> tuple[Stage, MountInput]:
     for stage in reversed(case.config.program):
         for _, _, _, given in stage.inputs:
             if isinstance(given, MountInput) and given.displacement is None:
-                return given
+                return stage, given
     raise ConfigError(
         f"{case.path}: no stage loads the mount by bias, spring, mass or force: no chart to draw"
     )
@@ -91,7 +92,7 @@ def _bias(case: Case) -> MountInput:
 
 def _full_voltage(case: Case) -> float:
     given = (item for stage in case.config.program for _, _, _, item in stage.inputs)
-    inputs = [g.voltage or () for g in given if isinstance(g, TerminalInput)]
+    inputs = [reach_of(g.voltage) for g in given if isinstance(g, TerminalInput) and g.voltage]
     return max((v for values in inputs for v in values), key=abs, default=0.0)
 
 

@@ -9,10 +9,12 @@ from typing import Any, Literal
 import numpy as np
 
 from dealib.config.bias import BiasElement, Element, SecondFilm
-from dealib.config.program import ELEMENT, ChamberInput, Gas, Input, MountInput, Stage
+from dealib.config.program import ELEMENT, ChamberInput, Course, Gas, Input, MountInput, Stage
+from dealib.config.wave import Wave
 from dealib.device.device import Device
 from dealib.device.records import TERMINAL, Port
 from dealib.fem.system import PortLaw
+from dealib.program.waves import Shape
 from dealib.units import DIMENSIONS, GRAVITY
 
 Kind = Literal["value", "load", "element"]
@@ -28,6 +30,7 @@ class Drive:
         unit: Its unit, for messages.
         kind: The port's value, its dual, or the anchor of an element is prescribed.
         knots: Values at equal distances in time over one cycle.
+        shape: A wave instead; the first knot is where it begins.
         sign: From the user's dual to dPi/dq.
         element: The element.
         weighs: Whether it is the weight of a mass, which then moves with the port.
@@ -39,10 +42,13 @@ class Drive:
     knots: tuple[float, ...]
     sign: float = 1.0
     element: Element | Gas | None = None
+    shape: Shape | None = None
     weighs: bool = False
 
     def at(self, cycle_fraction: float) -> float:
         """The input at a time, in cycles since the stage began."""
+        if self.shape is not None:
+            return self.shape.at(cycle_fraction, self.knots[0])
         cycle = max(int(np.ceil(cycle_fraction)) - 1, 0)
         knots = self.in_cycle(cycle)
         return float(np.interp(cycle_fraction - cycle, np.linspace(0, 1, len(knots)), knots))
@@ -53,18 +59,24 @@ class Drive:
 
     def held(self, cycle_fraction: float) -> Drive:
         """The same drive, staying at its value at a time."""
-        return replace(self, knots=(self.at(cycle_fraction),) * 2)
+        return replace(self, knots=(self.at(cycle_fraction),) * 2, shape=None)
 
     def plain(self) -> dict[str, Any]:
         """As numbers, texts, lists and dicts."""
         found = {f.name: getattr(self, f.name) for f in fields(self)}
-        return found | {"element": self.element and self.element.model_dump()}
+        element, shape = self.element, self.shape
+        return found | {
+            "element": element and element.model_dump(),
+            "shape": shape and shape.plain(),
+        }
 
     @classmethod
     def of(cls, plain: dict[str, Any]) -> Drive:
         """Inverse of `plain`, also after a round trip through JSON."""
         element = plain["element"] and ELEMENT.validate_python(plain["element"])
-        return cls(**{**plain, "knots": tuple(plain["knots"]), "element": element})
+        shape = plain["shape"] and Shape.restored(plain["shape"])
+        knots = tuple(plain["knots"])
+        return cls(**{**plain, "knots": knots, "element": element, "shape": shape})
 
 
 Drives = tuple[Drive, ...]  # of one port: a value, or loads and elements that add up
@@ -111,6 +123,7 @@ def drives(
     dual: float,
     before: Drives = (),
     sample: Sample | None = None,
+    stage: Stage | None = None,
 ) -> Drives:
     """The drives of a port in a stage.
 
@@ -121,14 +134,16 @@ def drives(
         dual: Its dual then.
         before: What drove it before, held.
         sample: Measures a second film.
+        stage: The stage, for a wave.
     """
     dual = _prescribed(before, dual)
     name, value = given.given
-    if name in (port.kind.primal.name, port.kind.dual.name):
-        start = primal if name == port.kind.primal.name else dual
-        return (plain_drive(port, name, _from(start, value)),)
+    for variable, start in zip(port.kind.variables, (primal, dual), strict=True):
+        if name == variable.name:
+            drive = plain_drive(port, name, (start, start))
+            return (_moved(drive, start, value, (stage, name, variable.dimension)),)
     if isinstance(given, MountInput):
-        return _loaded(port, given, primal, dual, before, sample)
+        return _loaded(port, given, primal, dual, before, sample, stage)
     assert isinstance(given, ChamberInput)
     gas = Drive(_label(port, "gas"), "MPa", "element", (0.0, 0.0), element=value)
     return _released(port, (gas,), primal, dual)
@@ -141,21 +156,22 @@ def _loaded(
     force: float,
     before: Drives,
     sample: Sample | None,
+    stage: Stage | None,
 ) -> Drives:
     """Drives of a mount that masses, springs or other elements load."""
     if given.mass is not None:
-        label = _label(port, "mass (as force)")
-        return (Drive(label, "N", "load", _from(force, _weights(given.mass)), weighs=True),)
+        drive = Drive(_label(port, "mass (as force)"), "N", "load", (), weighs=True)
+        return (_moved(drive, force, _weights(given.mass)),)
     if given.spring is not None:
         anchor = displacement + force / given.spring.stiffness
         label = _label(port, "spring.anchor")
         new = Drive(label, "mm", "element", (), element=given.spring)
         if before and _same(before[0], new):
             anchor = before[0].knots[-1]
-        return (replace(new, knots=_from(anchor, given.spring.anchor)),)
+        return (_moved(new, anchor, given.spring.anchor, (stage, "anchor", "length")),)
     assert given.bias is not None
     parts = enumerate(given.bias)
-    found = tuple(_bias(port, i, part, before, sample) for i, part in parts)
+    found = tuple(_bias(port, i, part, before, sample, stage) for i, part in parts)
     return _released(port, found, displacement, force)
 
 
@@ -170,22 +186,52 @@ def _released(port: Port, new: Drives, primal: float, dual: float) -> Drives:
 
 
 def _bias(
-    port: Port, index: int, part: BiasElement, before: Drives, sample: Sample | None
+    port: Port,
+    index: int,
+    part: BiasElement,
+    before: Drives,
+    sample: Sample | None,
+    stage: Stage | None,
 ) -> Drive:
     """One element; it moves on from where it was if it was there before."""
-    (path, knots), (_, given) = part.polyline, part.given
+    (path, course), (_, given) = part.course, part.given
     label = _label(port, ".".join(("bias", str(index), *path)))
     if isinstance(given, tuple):
-        new = Drive(f"{label} (as force)", "N", "load", _weights(given), weighs=True)
+        course = _weights(given)
+        new = Drive(f"{label} (as force)", "N", "load", course, weighs=True)
     else:
         if isinstance(given, SecondFilm):
             assert sample is not None
-            knots, label = given.anchor, _label(port, f"bias.{index}.film (its frame)")
+            course, label = given.anchor, _label(port, f"bias.{index}.film (its frame)")
             given = sample(given)
-        new = Drive(label, "mm", "element", knots, element=given)
+        new = Drive(label, "mm", "element", (), element=given)
     same = index < len(before) and _same(before[index], new)
-    start = before[index].knots[-1] if same else new.knots[0]
-    return replace(new, knots=_from(start, new.knots))
+    of = (stage, "anchor", "length")
+    start = before[index].knots[-1] if same else None
+    return _moved(new, start, course, of)
+
+
+def _moved(
+    drive: Drive,
+    start: float | None,
+    course: Course,
+    of: tuple[Stage | None, str, str] | None = None,
+) -> Drive:
+    """A drive on its course through a stage.
+
+    Args:
+        drive: The drive.
+        start: Where it begins; None: where its course does.
+        course: The course.
+        of: Of a wave: the stage, what follows it, and its dimension.
+    """
+    if not isinstance(course, Wave):
+        return replace(drive, knots=_from(course[0] if start is None else start, course))
+    assert of is not None
+    stage, quantity, dimension = of
+    assert stage is not None
+    shape = Shape.of(course, stage, quantity, dimension)
+    return replace(drive, knots=(shape.begin() if start is None else start,), shape=shape)
 
 
 def _same(old: Drive, new: Drive) -> bool:
@@ -236,6 +282,7 @@ def milestones(stage: Stage, drives: list[Drive]) -> tuple[list[float], set[floa
         for d in drives
         for c in range(stage.cycles)
         for k in range(1, len(d.in_cycle(c)))
+        if d.shape is None
     }
     grid = {
         round(c + k / stage.steps, 12)

@@ -102,7 +102,7 @@ class Simulation:
         for name, given in stage.driven(device).items():
             before = p.drives[name]
             p.drives[name] = drives(
-                device.by_name[name], given, *p.ports[name], before, self.sample
+                device.by_name[name], given, *p.ports[name], before, self.sample, stage
             )
         p.stage, p.stage_start, p.clock, p.branch = index, p.time, StageClock(), None
         p.over = False
