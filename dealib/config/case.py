@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
 from ruamel.yaml import YAML
 
 from dealib.config.library import known, of_config, without_library
@@ -18,6 +19,7 @@ from dealib.config.messages import validate
 from dealib.config.schema import Config
 from dealib.config.size import refuse_too_large
 from dealib.config.source import Source
+from dealib.config.wave import Wave
 from dealib.device.shapes import MeshShape
 from dealib.errors import ConfigError, ValueAt
 
@@ -78,16 +80,10 @@ def load(path: str | Path, set: Mapping[str, Any] | Iterable[str] | None = None)
         config = validate(Config, source)
     if config.library is not None:  # its materials are in the config now
         config = without_library(config)
-    if config.mesh.file is not None:
-        mesh = config.mesh.model_copy(
-            update={"file": _found(source, ("mesh", "file"), config.mesh.file)}
-        )
-        config = config.model_copy(update={"mesh": mesh})
+    for where, file in _files(config):
+        config = _put(config, where, _found(source, where, file))
     try:
         if isinstance(config.geometry, MeshShape):
-            file = _found(source, ("geometry", "file"), config.geometry.file)
-            geometry = config.geometry.model_copy(update={"file": file})
-            config = config.model_copy(update={"geometry": geometry})
             config.check_device()
         check_linear(config)
         refuse_too_large(config)
@@ -96,7 +92,33 @@ def load(path: str | Path, set: Mapping[str, Any] | Iterable[str] | None = None)
     return Case(config, source.text, source.path, tuple(pairs))
 
 
-def _found(source: Source, where: tuple[str, str], given: str) -> str:
+def _files(config: Config) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Where a config names files, and which."""
+    if config.mesh.file is not None:
+        yield ("mesh", "file"), config.mesh.file
+    if isinstance(config.geometry, MeshShape):
+        yield ("geometry", "file"), config.geometry.file
+    for k, stage in enumerate(config.program):
+        for path, _, _, given in stage.inputs:
+            for name, course in given.courses:
+                if isinstance(course, Wave) and course.file is not None:
+                    yield ("program", k, *path, *name, "file"), course.file
+
+
+def _put(node: Any, where: tuple[str | int, ...], value: Any) -> Any:
+    """A copy of sections with another value at a place."""
+    if not where:
+        return value
+    key, *rest = where
+    if isinstance(node, BaseModel):
+        name = str(key)
+        return node.model_copy(update={name: _put(getattr(node, name), tuple(rest), value)})
+    changed: Any = dict(node) if isinstance(node, dict) else list(node)
+    changed[key] = _put(node[key], tuple(rest), value)
+    return changed if isinstance(node, dict) else tuple(changed)
+
+
+def _found(source: Source, where: tuple[str | int, ...], given: str) -> str:
     """A file that a config names, beside it or from here."""
     path = Path(given).expanduser()
     beside = source.path.parent / path

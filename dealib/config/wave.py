@@ -13,7 +13,7 @@ from dealib.section import Section
 from dealib.units import Angle, Frequency, Time, list_of
 
 _KINDS = {  # key that makes it -> keys that go with it
-    "frequency": ("mean", "amplitude", "phase"),
+    "frequency": ("mean", "amplitude", "phase", "rise"),
     "to": ("rise", "time_constant"),
     "file": (),
 }
@@ -32,7 +32,9 @@ class Wave(Section):
     frequency: Frequency | None = Field(None, gt=0, description="of a sine: mean + amplitude sin")
     phase: Angle = Field(0.0, description="of a sine, at the start")
     to: float | None = Field(None, description="of a step from where the port is")
-    rise: Time | None = Field(None, gt=0, description="of a step: it takes so long, smoothly")
+    rise: Time | None = Field(
+        None, gt=0, description="of a step, or of an amplitude: it takes so long, without a kink"
+    )
     time_constant: Time | None = Field(
         None, gt=0, description="of a step: what is left falls as exp(-t / time constant)"
     )
@@ -74,14 +76,18 @@ class Wave(Section):
         """
         if self.frequency is not None:
             turn = 2 * math.pi * self.frequency * t + self.phase
-            return (self.mean or 0.0) + (self.amplitude or 0.0) * math.sin(turn)
+            amplitude = (self.amplitude or 0.0) * self._risen(t)
+            return (self.mean or 0.0) + amplitude * math.sin(turn)
         assert self.to is not None
-        if self.rise is not None:
-            share = math.sin(math.pi / 2 * min(t / self.rise, 1.0)) ** 2
-        else:
-            assert self.time_constant is not None
+        share = self._risen(t)
+        if self.time_constant is not None:
             share = -math.expm1(-t / self.time_constant)
         return start + share * (self.to - start)
+
+    def _risen(self, t: float) -> float:
+        """From 0 to 1; velocity and acceleration are continuous, as bodies in motion want it."""
+        s = 1.0 if self.rise is None else min(t / self.rise, 1.0)
+        return s**3 * (10 - 15 * s + 6 * s**2)
 
 
 def _kind_of(key: str) -> str:

@@ -57,7 +57,8 @@ def _prescribed(newton: Newton) -> Iterator[None]:
     for name, value in system.map.port_values(q).items():
         system.ports[name] = PortLaw(value=value)
     try:
-        yield
+        with system.still():
+            yield
     finally:
         system.ports.update(laws)
         system.residual(q, system.residual_vector)  # the duals of the state itself

@@ -159,9 +159,10 @@ def fixed_tangent(system: System) -> Any:
     """
     if not system.problem.coupling.symmetric:
         raise ValueError("the tangent has an inertia only if physics.coupling is energy")
-    system.residual(system.q, system.residual_vector)
-    system.tangent(system.matrix, at_rest=True)
-    matrix = system.matrix.copy()
+    with system.still():
+        system.residual(system.q, system.residual_vector)
+        system.tangent(system.matrix)
+        matrix = system.matrix.copy()
     matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
     matrix.zeroRowsColumns(system.map.numbers("air mesh"), 1.0)
     return matrix

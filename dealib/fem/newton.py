@@ -195,7 +195,7 @@ class Newton:
         """
         system = self.system
         system.residual(system.q, system.residual_vector)
-        system.tangent(system.matrix, at_rest=True)
+        system.tangent(system.matrix)
         self._factored = True
         self._snes.getKSP().setOperators(system.matrix)
         found = []

@@ -201,18 +201,25 @@ class System:
 
     # --- tangent ---------------------------------------------------------------------------------
 
-    def tangent(self, matrix: Any, at_rest: bool = False) -> None:
+    @contextmanager
+    def still(self) -> Iterator[None]:
+        """Without inertia, for what a state would be in equilibrium (collective)."""
+        kept, self.inertia = self.inertia, None
+        try:
+            yield
+        finally:
+            self.inertia = kept
+            if kept is not None:
+                self.residual(self.q, self.residual_vector)
+
+    def tangent(self, matrix: Any) -> None:
         """Assemble dr/dq at the state of the last residual.
 
         A prescribed port loses its column with its row, which keeps the tangent symmetric where the
         problem is: its step is known, and `eliminate` takes it out of a right-hand side.
-
-        Args:
-            matrix: The matrix.
-            at_rest: Without inertia.
         """
         with self.timings("assembly"):
-            moved, summed = None if at_rest else self.inertia, []
+            moved, summed = self.inertia, []
             matrix.zeroEntries()
             self._assemble(matrix, moved is not None)
             for name, law in self.ports.items():
