@@ -167,14 +167,14 @@ def test_rayleigh_damping(damping):
 
 def test_steps_follow_the_error():
     """Cut where the motion is fast, and grown again; the tolerance is what the error follows."""
-    exact = swing(800)
+    exact = swing(400)
     errors, counts = [], []
     for tolerance in (4e-3, 1e-3):
         h = swing(20, solver__time_tolerance=tolerance)
         there = np.interp(h["time_s"], exact["time_s"], exact["displacement_mm"])
         errors.append(np.abs(h["displacement_mm"] - there).max())
         counts.append(len(h))
-    assert 20 < counts[0] < counts[1] < 400
+    assert 20 < counts[0] < counts[1] < 300
     assert errors[1] < 0.5 * errors[0]
 
 
@@ -338,8 +338,8 @@ def test_a_resumed_run_goes_on_moving(tmp_path):
         expected = whole.history[name].to_numpy()
         within = 1e-9 * max(np.abs(expected).max(), 1e-9)
         assert resumed.history[name].to_numpy() == pytest.approx(expected, abs=within), name
-    assert resumed.velocity(6) == pytest.approx(whole.velocity(6), abs=1e-6)
-    assert np.abs(whole.velocity(6)).max() > 1
+    assert resumed.velocity(-2) == pytest.approx(whole.velocity(-2), abs=1e-6)
+    assert np.abs(whole.velocity(-2)).max() > 1
     assert whole.velocity(-1) is None
     assert whole.history["kinetic_energy_mJ"].iloc[-1] == 0
 

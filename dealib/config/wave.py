@@ -30,7 +30,7 @@ class Wave(Section):
     mean: float | None = Field(None, description="of a sine; default 0")
     amplitude: float | None = Field(None, description="of a sine")
     frequency: Frequency | None = Field(None, gt=0, description="of a sine: mean + amplitude sin")
-    phase: Angle = Field(0.0, description="of a sine, at the start")
+    phase: Angle | None = Field(None, description="of a sine, at the start; default 0")
     to: float | None = Field(None, description="of a step from where the port is")
     rise: Time | None = Field(
         None, gt=0, description="of a step, or of an amplitude: it takes so long, without a kink"
@@ -45,7 +45,7 @@ class Wave(Section):
 
     @model_validator(mode="after")
     def _one_kind(self) -> Wave:
-        given = {name for name in self.model_fields_set if getattr(self, name) is not None}
+        given = {name for name in Wave.model_fields if getattr(self, name) is not None}
         kinds = [key for key in _KINDS if key in given]
         if len(kinds) != 1:
             some = " and ".join(kinds) or "none of them"
@@ -75,7 +75,7 @@ class Wave(Section):
             start: Where the port was then.
         """
         if self.frequency is not None:
-            turn = 2 * math.pi * self.frequency * t + self.phase
+            turn = 2 * math.pi * self.frequency * t + (self.phase or 0.0)
             amplitude = (self.amplitude or 0.0) * self._risen(t)
             return (self.mean or 0.0) + amplitude * math.sin(turn)
         assert self.to is not None
