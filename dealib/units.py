@@ -37,6 +37,7 @@ DIMENSIONS = {
     "volume": ("mm^3", "5 ml"),
     "electric field": ("kV/mm", "80 V/um"),
     "resistance": ("Gohm", "10 kohm"),
+    "flow conductance": ("mm^3/s/MPa", "10 mm^3/s/kPa"),
     "rate": ("1/s", "0.01 1/s"),
     "frequency": ("Hz", "100 Hz"),
     "angle": ("rad", "10 deg"),
@@ -256,6 +257,7 @@ if TYPE_CHECKING:
     Angle: TypeAlias = float
     Moment: TypeAlias = float
     Density: TypeAlias = float
+    FlowConductance: TypeAlias = float
     Frequency: TypeAlias = float
 else:
     Length, Time, Force, Mass, Stress = map(
@@ -265,4 +267,6 @@ else:
         _quantity, ("stiffness", "voltage", "charge", "volume")
     )
     ElectricField, Resistance, Rate = map(_quantity, ("electric field", "resistance", "rate"))
-    Angle, Moment, Density, Frequency = map(_quantity, ("angle", "moment", "density", "frequency"))
+    Angle, Moment, Density, Frequency, FlowConductance = map(
+        _quantity, ("angle", "moment", "density", "frequency", "flow conductance")
+    )

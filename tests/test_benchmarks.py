@@ -11,7 +11,13 @@ TIGHT = {"solver__tolerance": 1e-11, "solver__predictor_order": 0, "solver__line
 ABSOLUTE = {"energy_residual_mJ", "newton_iterations"}  # a difference; a count
 
 
-@pytest.mark.parametrize("name", ["benchmark_strip", "benchmark_strip_air", "deap100"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "benchmark_strip",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("benchmark_strip_air", "deap100")),
+    ],
+)
 def test_fast_settings_give_the_history_of_a_tight_plain_solve(name):
     fast, tight = history(name), history(name, **TIGHT)
     assert fast["newton_iterations"].sum() < 0.8 * tight["newton_iterations"].sum()

@@ -111,6 +111,7 @@ def numbers(changes):
 
 
 @pytest.mark.mpi
+@pytest.mark.slow
 def test_ranks_do_not_matter():
     cases = VARIANTS[1:]
     serial = [numbers(changes) for changes in cases]  # also compiles, once

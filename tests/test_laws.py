@@ -310,7 +310,9 @@ def test_ogden_limit():
     assert stability_limit(weak, "equal-biaxial") == pytest.approx(l[stress.argmax()], abs=2e-5)
 
 
-@pytest.mark.parametrize("formulation", ["displacement", "mixed"])
+@pytest.mark.parametrize(
+    "formulation", ["displacement", pytest.param("mixed", marks=pytest.mark.slow)]
+)
 def test_ogden_device_is_the_neo_hookean_one(formulation):
     """Film and electrodes with the law's special case: the same curves, in as many iterations."""
     program = [

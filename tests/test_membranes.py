@@ -195,7 +195,7 @@ def test_a_flat_film_without_tension_bears_nothing_across():
         ring(program=program, materials={"film": RUBBER})
 
 
-@pytest.mark.parametrize("model", ["membrane", "solid"])
+@pytest.mark.parametrize("model", ["membrane", pytest.param("solid", marks=pytest.mark.slow)])
 def test_branches_relax_in_space_as_at_a_material_point(model):
     """Pulled equally both ways in 1 s, then held: the stress of the one-dimensional solution."""
     film = RUBBER | {"branches": [{"shear_modulus": "0.2 MPa", "relaxation_time": "1 s"}]}

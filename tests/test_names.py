@@ -179,6 +179,7 @@ def test_measured_data_in_a_file_with_a_strange_name(dealib, strange, tmp_path):
     assert (tmp_path / "a.png").stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_a_study_with_strange_labels(dealib, tmp_path):  # noqa: F811
     strange = r"$\bad{$"
     small = (CONFIGS.parent / "tests" / "small.yaml").read_text()

@@ -356,7 +356,14 @@ def named(hexahedra):
     return build
 
 
-@pytest.mark.parametrize("kind", [k for k in SOLID if k != "20-node hexahedra"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pytest.param(k, marks=pytest.mark.slow) if k.startswith("10-node") else k
+        for k in SOLID
+        if k != "20-node hexahedra"
+    ],
+)
 def test_a_free_block_of_any_solid_cells_is_that_of_the_closed_form(tmp_path, kind):
     """Incompressible neo-Hooke, free in the plane: eps E0^2 = G (1 - l^-6) / l^2."""
     hexahedra, order, incomplete = SOLID[kind]

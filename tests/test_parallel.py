@@ -18,6 +18,7 @@ from conftest import case
 import dealib
 from dealib.cli.mpi import environment, mpirun
 from dealib.config import resolved
+from dealib.fem.compat import HAS_HYPRE
 
 pytestmark = pytest.mark.mpi
 SCRIPT = Path(__file__).with_name("parallel_run.py")
@@ -84,7 +85,7 @@ CASES = {
             "mounts": "{plate: {on: film.top, along: Z, free: [X, Y]}}",
             "holds": "[{on: film.bottom, fix: [X, Y, Z]}]",
             "probes": None,
-            "solver": "{linear: iterative}",
+            "solver": f"{{linear: {'iterative' if HAS_HYPRE else 'auto'}}}",
             "program": "[{stage: press, mount: {force: -0.5 N}, steps: 2},"
             " {stage: charge, terminal: {charge: -40 nC}}]",
         },

@@ -204,7 +204,9 @@ POINT = np.array([*D, *R, 8.0, 5e-3])
 SIZES = np.array([*[0.02] * 3, *[0.02] * 3, 0.2, 2e-4])
 
 
-@pytest.mark.parametrize("model", list(MODELS))
+@pytest.mark.parametrize(
+    "model", [m if m == "membrane" else pytest.param(m, marks=pytest.mark.slow) for m in MODELS]
+)
 def test_the_matrix_of_second_derivatives_is_symmetric(model):
     """At finite rotations, from the tangent and from differences of solved states."""
     weights = {1: 45 / 60, 2: -9 / 60, 3: 1 / 60}
@@ -361,6 +363,7 @@ def turned_block(path: Any, Q: Array, d: Array, r: Array) -> Row:
     return [state.row for state in dealib.Simulation(dealib.load(path / "block.yaml"))][-1]
 
 
+@pytest.mark.slow
 def test_a_device_on_a_turned_mesh_is_the_same(tmp_path):
     """By 30 degrees about an oblique axis: forces and moments turn with it, to 1e-9."""
     Q = Rotation.from_rotvec(np.radians(30) * np.array([2.0, -1.0, 2.0]) / 3).as_matrix()

@@ -371,6 +371,7 @@ def test_study_solves_draws_and_compares(folder):
     assert "0 to solve" in again.stdout
 
 
+@pytest.mark.slow
 def test_pictures_follow_the_axes_that_are_asked_for(folder, monkeypatch):
     """An axis whose limits fall runs that way; log axes; one legend below panels that share it."""
     from dealib.study import panels

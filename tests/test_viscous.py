@@ -317,6 +317,7 @@ def test_the_mixed_form_agrees():
     assert found[1] == pytest.approx(found[0], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_other_couplings_have_branches_too():
     one, other = cycle(4), cycle(4, physics__coupling="maxwell_traction")
     before = one["time_s"] <= 2  # no voltage yet

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 from pydantic import Field, TypeAdapter, model_validator
 
 from dealib.config.bias import BiasElement, Element, Masses, Spring
+from dealib.config.chamber import Filled, Gas, Liquid
 from dealib.config.follow import Follow
 from dealib.config.names import Cell
 from dealib.config.stop import Condition
@@ -74,33 +75,22 @@ class TerminalInput(_Port):
     charge: Charges | None = Field(None, description="prescribed")
 
 
-class Gas(Section):
-    """Gas in a closed chamber, isothermal: what it would have at rest says how much there is."""
-
-    volume: Volume = Field(gt=0, description="of the chamber at rest")
-    pressure: Stress = Field(gt=0, description="absolute one at rest, such as 101.325 kPa")
-    outside: Stress | None = Field(
-        None, gt=0, description="absolute one outside; default the same as at rest"
-    )
-
-    def load(self, x: float) -> tuple[float, float]:
-        """Minus the displaced volume (mm^3) at a pressure x above that outside, and its slope."""
-        absolute = max((self.outside or self.pressure) + x, 1e-6 * self.pressure)
-        now = self.pressure * self.volume / absolute
-        return self.volume - now, now / absolute
-
-
 class ChamberInput(_Port):
     """What drives a chamber, one of: a value to ramp to, or a list over the stage."""
 
     pressure: Pressures | None = Field(None, description="above that outside")
     volume: Volumes | None = Field(None, description="displaced since rest")
-    gas: Gas | None = Field(None, description="closed: the pressure follows the volume")
+    gas: Gas | None = Field(
+        None, description="the pressure follows the volume, and what flows through openings"
+    )
+    liquid: Liquid | None = Field(
+        None, description="the volume follows what flows through openings"
+    )
 
     @property
     def courses(self) -> list[tuple[Path_, Course]]:
         """See `_Port`."""
-        return [] if self.gas is not None else super().courses
+        return [] if self.gas or self.liquid else super().courses
 
 
 class TurnInput(_Port):
@@ -110,7 +100,7 @@ class TurnInput(_Port):
     moment: Moments | None = Field(None, description="prescribed, about the centre")
 
 
-ELEMENT: TypeAdapter[Element | Gas] = TypeAdapter(Element | Gas)
+ELEMENT: TypeAdapter[Element | Gas | Filled] = TypeAdapter(Element | Gas | Filled)
 Input: TypeAlias = MountInput | TerminalInput | ChamberInput | TurnInput
 
 
@@ -214,7 +204,7 @@ def check_inputs(program: Sequence[Stage], device: Device) -> None:
     """Raise `ValueAt` if a stage drives a port that the device lacks, or the same one twice."""
     for i, stage in enumerate(program):
         seen: set[str] = set()
-        for path, kind, name, _ in stage.inputs:
+        for path, kind, name, given in stage.inputs:
             known, where = _connected(device, kind), ("program", i, *path)
             if not known:
                 raise ValueAt(where, f"the device has no {kind.name}")
@@ -226,6 +216,9 @@ def check_inputs(program: Sequence[Stage], device: Device) -> None:
                 raise ValueAt(where, f"{problem}; add it to `terminals` to drive it")
             if name is not None and name not in known:
                 raise ValueAt(where, f"there is no {kind.name} {name!r}{did_you_mean(name, known)}")
+            if getattr(given, "liquid", None) and not device.by_name[name or known[0]].openings:
+                problem = "the chamber has no openings; what is closed has a given volume"
+                raise ValueAt((*where, "liquid"), problem)
             if (name or known[0]) in seen:
                 raise ValueAt(where, f"the {kind.name} {name or known[0]!r} is driven twice")
             seen.add(name or known[0])

@@ -296,6 +296,7 @@ def _driven(
             supports.append(Support(PHI, name, name, TERMINAL.name))
             ports.append(Port(TERMINAL, name, (name,), floating=True))
     walls: dict[str, str] = {}
+    opened: dict[str, str] = {}
     for name, chamber in chambers.items():
         parts.check(chamber.on, ("chambers", name, "on"))
         for part in chamber.on:
@@ -308,7 +309,12 @@ def _driven(
             walls[part] = name
         along = chamber.along or parts.across
         parts.check_axes([along], ("chambers", name, "along"))
-        ports.append(Port(CHAMBER, name, chamber.on, along=along))
+        openings = tuple((chamber.openings or {}).items())
+        for opening, _ in openings:
+            if (other := opened.setdefault(opening, name)) != name:
+                problem = f"chamber {other!r} has an opening of this name already"
+                raise ValueAt(("chambers", name, "openings", opening), problem)
+        ports.append(Port(CHAMBER, name, chamber.on, along=along, openings=openings))
     return supports, tuple(_numbered(ports))
 
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+import math
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from dealib.device.shapes import Covered
 from dealib.errors import ValueAt
 from dealib.section import Section
-from dealib.units import Length, Mass
+from dealib.units import FlowConductance, Length, Mass, Stress
+
+_SMOOTH = 1e-6  # MPa
 
 
 def _listed(value: object) -> object:
@@ -74,6 +77,51 @@ class Hold(Section):
     fix: Names = Field(description="axes, such as [R, Z]")
 
 
+class Opening(Section):
+    """Where a chamber's gas or liquid flows in and out: an orifice, or a narrow channel."""
+
+    diameter: Length | None = Field(None, gt=0, description="of an orifice")
+    discharge: float = Field(0.6, gt=0, le=1, description="coefficient of an orifice")
+    conductance: FlowConductance | None = Field(
+        None, gt=0, description="of a channel: volume a time and pressure, such as 10 mm^3/s/kPa"
+    )
+    valve: Literal["in", "out"] | None = Field(
+        None, description="check valve: what flows only into the chamber, or only out of it"
+    )
+    pressure: Stress = Field(0.0, description="on its other side, above that outside")
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Opening:
+        if (self.diameter is None) == (self.conductance is None):
+            raise ValueError("give the diameter of an orifice, or the conductance of a channel")
+        return self
+
+    def inflow(self, x: float, density: float) -> tuple[float, float]:
+        """Volume a time that flows in at a pressure x in the chamber, mm^3/s, and its slope.
+
+        Of an orifice: C A sqrt(2 p / density), C the discharge, A the area. Near zero, within about
+        1 Pa, it is linear, and a valve opens and closes over such a difference.
+
+        Args:
+            x: Pressure in the chamber above that outside, MPa.
+            density: Of what flows, t/mm^3.
+        """
+        p = self.pressure - x
+        square = p * p + _SMOOTH**2
+        if self.conductance is not None:
+            flow, slope = self.conductance * p, self.conductance
+        else:
+            assert self.diameter is not None
+            area = self.discharge * math.pi / 4 * self.diameter**2 * math.sqrt(2 / density)
+            flow = area * p / square**0.25
+            slope = area * (1 - p * p / (2 * square)) / square**0.25
+        if self.valve is not None:
+            sign, root = 1.0 if self.valve == "in" else -1.0, math.sqrt(square)
+            opened, opening = (1 + sign * p / root) / 2, sign * (1 - p * p / square) / root / 2
+            flow, slope = flow * opened, slope * opened + flow * opening
+        return flow, -slope
+
+
 class Chamber(Section):
     """A closed space on one side of faces, whose pressure acts on them."""
 
@@ -83,4 +131,7 @@ class Chamber(Section):
         description="axis of the walls that close it at the faces' rim; default that across the "
         "layers, or Z. The pressure on these walls acts on the rim, which may move along them: of "
         "a tube R, so that both ends are closed by rigid caps",
+    )
+    openings: dict[str, Opening] | None = Field(
+        None, description="through which its gas or liquid flows, by name"
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 PHI = "phi"  # the potential, beside the axes' names of displacements
 AIR = "air"
@@ -91,6 +92,7 @@ class Port:
         floating: Whether it is a conductor that nothing is connected to: without charge.
         rigid: Name of the rigid mount that it belongs to, if it does.
         centre: Of that, mm; empty: the middle of the box around it.
+        openings: Of a chamber, with their names (see `device.ports.Opening`).
     """
 
     kind: PortKind
@@ -102,6 +104,7 @@ class Port:
     floating: bool = False
     rigid: str = ""
     centre: tuple[float, ...] = ()
+    openings: tuple[tuple[str, Any], ...] = ()
 
     def column(self, variable: Variable) -> str:
         """Column of one of its variables in the history."""

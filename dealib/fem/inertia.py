@@ -82,7 +82,7 @@ class Inertia:
         self._ports = list(self._map.ports)
         self._step, self._floor = 0.0, _FLOOR * problem.domain.sizes.thickness
         self.now = Rates.rest(self._position(dict.fromkeys(self._ports, 0.0)))
-        self._fastest = 0.0
+        self._start, self._largest = self.now.u, 0.0
         self.damped = self.numerical = 0.0
         self._matrix: Any = None
         self._stiffness: Any = None
@@ -119,8 +119,8 @@ class Inertia:
         self.now, self._step = Rates.rest(self._position(values)), 0.0
 
     def enter(self) -> None:
-        """Begin a stage: its fastest motion counts from here."""
-        self._fastest = 0.0
+        """Begin a stage: its largest motion counts from here."""
+        self._start, self._largest = self.now.u, 0.0
 
     def begin(self, duration: float) -> None:
         """Prepare a step from the last accepted state, in s."""
@@ -182,14 +182,14 @@ class Inertia:
             matrix.axpy(self.stiffness_time * self._speed, self._stiffness, structure=same)
 
     def error(self) -> float:
-        """Error of the step just solved over a step at the stage's largest velocity (collective).
+        """Error of the step just solved over the largest motion of the stage (collective).
 
         Root mean square over the mass of (beta - 1/6) h^2 (r' - r) (O. C. Zienkiewicz, Y. M. Xie,
-        Earthq. Eng. Struct. Dyn. 20 (1991) 871), over that of h v.
+        Earthq. Eng. Struct. Dyn. 20 (1991) 871), over that of the displacement since its start.
         """
-        end, h = self._reached(), self._step
-        missed = self._size((self._beta - 1 / 6) * h**2 * (end.r - self.now.r))
-        return missed / max(h * self._speed_so_far(end), self._floor)
+        end = self._reached()
+        missed = self._size((self._beta - 1 / 6) * self._step**2 * (end.r - self.now.r))
+        return missed / max(self._motion(end), self._floor)
 
     def commit(self) -> None:
         """Accept the current state as the end of the step (collective).
@@ -206,17 +206,17 @@ class Inertia:
             speed, force = self._reduced((n.v + end.v) / 2), self._reduced(moved)
             self._stiffness.mult(speed, force)
             self.damped += self.stiffness_time * force.dot(self._reduced(moved))
-        self.now, self._fastest = end, self._speed_so_far(end)
+        self.now, self._largest = end, self._motion(end)
 
     @contextmanager
     def tentative(self) -> Iterator[None]:
         """Accept the current state for a while, to look at it (collective)."""
-        kept = self.now, self._fastest, self.damped, self.numerical
+        kept = self.now, self._largest, self.damped, self.numerical
         self.commit()
         try:
             yield
         finally:
-            self.now, self._fastest, self.damped, self.numerical = kept
+            self.now, self._largest, self.damped, self.numerical = kept
 
     # --- results ---------------------------------------------------------------------------------
 
@@ -232,12 +232,12 @@ class Inertia:
     # --- checkpoints -----------------------------------------------------------------------------
 
     def gather(self, layout: Layout) -> Array | None:
-        """Nodal v, a and r of the whole mesh on rank 0, (3, nodes, axes) (collective).
+        """Nodal v, a, r, and u at the stage's start, (4, nodes, axes) on rank 0 (collective).
 
         The problem's state is another one afterwards.
         """
         found = []
-        for rates in (self.now.v, self.now.a, self.now.r):
+        for rates in (self.now.v, self.now.a, self.now.r, self._start):
             self._set(self._problem.spaces.w, rates)
             nodal = layout.gather()
             if nodal is not None:
@@ -247,8 +247,8 @@ class Inertia:
     def plain(self) -> dict[str, Any]:
         """What else a checkpoint holds."""
         n, count = self.now, len(self._ports)
-        ports = [x[len(x) - count :].tolist() for x in (n.v, n.a, n.r)]
-        return {"ports": ports, "step": self._step, "fastest": self._fastest}
+        ports = [x[len(x) - count :].tolist() for x in (n.v, n.a, n.r, self._start)]
+        return {"ports": ports, "step": self._step, "largest": self._largest}
 
     def restore(
         self, layout: Layout, gathered: Array | None, plain: dict[str, Any], at: dict[str, float]
@@ -265,8 +265,9 @@ class Inertia:
                 nodal = np.pad(gathered[k], ((0, 0), (0, size)))
             layout.scatter(nodal)
             found.append(np.concatenate([self._problem.spaces.w.x.array, ports]))
-        self.now = Rates(*found)
-        self._step, self._fastest = plain["step"], plain["fastest"]
+        *now, self._start = found
+        self.now = Rates(*now)
+        self._step, self._largest = plain["step"], plain["largest"]
 
     # --- parts -----------------------------------------------------------------------------------
 
@@ -317,5 +318,5 @@ class Inertia:
         """Root mean square over the mass, mm."""
         return float(np.sqrt(self._product(x, x) / self._mass))
 
-    def _speed_so_far(self, end: Rates) -> float:
-        return max(self._fastest, self._size(end.v))
+    def _motion(self, end: Rates) -> float:
+        return max(self._largest, self._size(end.u - self._start))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -107,6 +107,7 @@ class Snapshot:
         probes: The config's probes.
         viscosity: State of the Maxwell branches, if there are some.
         inertia: Velocities and accelerations, if a stage is dynamic.
+        through: Volume that has flowed into chambers through each opening, mm^3.
         peaks: Where the margins are smallest, as far as they have been measured.
     """
 
@@ -115,6 +116,7 @@ class Snapshot:
     probes: Probes
     viscosity: Viscosity | None = None
     inertia: Inertia | None = None
+    through: Mapping[str, float] = field(default_factory=dict)
     peaks: dict[str, Extremum] = field(default_factory=dict)
 
     @property

@@ -300,6 +300,12 @@ QUANTITIES: tuple[Quantity, ...] = (
 def columns(config: Any) -> dict[str, Column]:
     """All columns that the history of a config's device can have, in order."""
     found = [c for quantity in QUANTITIES for c in _columns(quantity, config.device)]
+    for opening in (name for port in config.device.of(CHAMBER) for name, _ in port.openings):
+        told = f"inflow through {opening}"
+        quantity = Quantity(
+            f"inflow_mm3.{opening}", "mm3", told, lambda s, name=opening: s.through.get(name, 0.0)
+        )
+        found.append(Column(quantity.name, quantity))
     known = local_quantities(config.device.kinematics)
     for name, probe in (config.probes or {}).items():
         of = known[probe.measured]

@@ -23,6 +23,7 @@ from dealib.fem.problem import build_problem
 from dealib.fem.rigid import unheld
 from dealib.fem.system import Timings
 from dealib.fem.viscous import Viscosity
+from dealib.program.flows import Flows
 from dealib.program.inputs import Drive, law, rest
 from dealib.program.predictor import Predictor, remembered
 from dealib.program.progress import Progress
@@ -87,12 +88,21 @@ class Engine:
         return tuple(x for d in self.drives for x in (d.label, d.at(at)))
 
     @property
-    def clocks(self) -> list[Viscosity | Inertia]:
+    def clocks(self) -> list[Viscosity | Inertia | Flows]:
         """What goes on in time in the present stage: to begin, judge and commit its steps."""
-        return [c for c in (self.viscosity, self.newton.system.inertia) if c is not None]
+        flows = self._flows if self._flows.filled else None
+        known = (self.viscosity, self.newton.system.inertia, flows)
+        return [clock for clock in known if clock is not None]
+
+    @property
+    def _flows(self) -> Flows:
+        p, problem = self.progress, self.problem
+        system, least = self.newton.system, problem.domain.sizes.volume
+        return Flows(problem.device, p.drives, p.through, lambda: system.values, least)
 
     def begin(self, duration: float) -> None:
         """Prepare a step from the last converged state, in s."""
+        self._flows.begin(duration)
         if self.viscosity is not None:
             self.viscosity.begin(duration)
         if self.newton.system.inertia is not None:

@@ -119,7 +119,9 @@ class History:
     def _measure(self, stage: Stage, at: float, more: dict[str, Any]) -> _Measured:
         of, p = self._engine, self._engine.progress
         row: dict[str, Any] = {"step": p.step + 1, "time_s": at, "stage": stage.stage}
-        snapshot = Snapshot(of.newton, self._films, self._probes, of.viscosity, of.inertia)
+        snapshot = Snapshot(
+            of.newton, self._films, self._probes, of.viscosity, of.inertia, p.through
+        )
         for column in self._measured:
             row[column.name] = column.measure(snapshot)
         if of.config.output.modes:

@@ -9,7 +9,8 @@ from typing import Any, Literal
 import numpy as np
 
 from dealib.config.bias import BiasElement, Element, SecondFilm
-from dealib.config.program import ELEMENT, ChamberInput, Course, Gas, Input, MountInput, Stage
+from dealib.config.chamber import Filled, Gas
+from dealib.config.program import ELEMENT, ChamberInput, Course, Input, MountInput, Stage
 from dealib.config.wave import Wave
 from dealib.device.device import Device
 from dealib.device.records import TERMINAL, Port
@@ -41,7 +42,7 @@ class Drive:
     kind: Kind
     knots: tuple[float, ...]
     sign: float = 1.0
-    element: Element | Gas | None = None
+    element: Element | Gas | Filled | None = None
     shape: Shape | None = None
     weighs: bool = False
 
@@ -145,8 +146,11 @@ def drives(
     if isinstance(given, MountInput):
         return _loaded(port, given, primal, dual, before, sample, stage)
     assert isinstance(given, ChamberInput)
-    gas = Drive(_label(port, "gas"), "MPa", "element", (0.0, 0.0), element=value)
-    return _released(port, (gas,), primal, dual)
+    inside: Gas | Filled | None = given.gas
+    if port.openings:
+        inside = Filled.of(dict(port.openings), given.gas, given.liquid, dual, primal)
+    drive = Drive(_label(port, name), "MPa", "element", (0.0, 0.0), element=inside)
+    return _released(port, (drive,), primal, dual)
 
 
 def _loaded(
@@ -239,7 +243,7 @@ def _same(old: Drive, new: Drive) -> bool:
     return (old.label, _fixed(old.element)) == (new.label, _fixed(new.element))
 
 
-def _fixed(element: Element | Gas | None) -> Any:
+def _fixed(element: Element | Gas | Filled | None) -> Any:
     """What identifies an element wherever its anchor is."""
     return element and element.model_dump(exclude={"anchor"})
 

@@ -61,6 +61,7 @@ class Progress:
         work: Work done so far.
         row: The last row of the history, none before the first.
         ports: Value and dual of each port in the last state.
+        through: Volume that has flowed into chambers through each opening, mm^3.
         worst: The worst of each margin so far (see `margins.keep`).
         over: Whether a condition has ended the stage.
         stops: What conditions ended: `step`, `time_s`, `stage`, `when`, and `ends`, which is
@@ -77,6 +78,7 @@ class Progress:
     work: Work = field(default_factory=Work)
     row: dict[str, Any] | None = None
     ports: dict[str, Two] = field(default_factory=dict)
+    through: dict[str, float] = field(default_factory=dict)
     worst: dict[str, dict[str, Any]] = field(default_factory=dict)
     over: bool = False
     stops: list[dict[str, Any]] = field(default_factory=list)

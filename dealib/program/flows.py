@@ -1,0 +1,87 @@
+"""Chambers with openings in time: how much is in them changes with each step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+from dealib.config.chamber import Filled
+from dealib.device.device import Device
+from dealib.device.records import CHAMBER
+from dealib.program.inputs import Drives
+
+
+class Flows:
+    """Steps in time of all chambers with openings.
+
+    Attributes:
+        drives: What drives the ports; changed in place.
+        through: Volume that has flowed in through each opening, mm^3; likewise.
+
+    Args:
+        device: The device.
+        drives: See above.
+        through: See above.
+        values: Gives those of the ports, in the last residual.
+        least: Volume that errors are compared with at least, mm^3.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        drives: dict[str, Drives],
+        through: dict[str, float],
+        values: Callable[[], dict[str, float]],
+        least: float,
+    ) -> None:
+        self.drives, self.through, self._values = drives, through, values
+        self._chambers = [port.name for port in device.of(CHAMBER) if port.openings]
+        self._least = least
+
+    @property
+    def filled(self) -> dict[str, Filled]:
+        """The chambers that are filled now."""
+        found = {name: self.drives[name][0].element for name in self._chambers}
+        return {name: f for name, f in found.items() if isinstance(f, Filled)}
+
+    def _put(self, name: str, filled: Filled) -> None:
+        first, *others = self.drives[name]
+        self.drives[name] = (replace(first, element=filled), *others)
+
+    def begin(self, duration: float) -> None:
+        """Prepare a step, in s."""
+        for name, filled in self.filled.items():
+            self._put(name, filled.model_copy(update={"step": duration}))
+
+    def error(self) -> float:
+        """Error of the step just solved over the volume of what is inside, or of the film."""
+        missed, inside = 0.0, self._least
+        for name, filled in self.filled.items():
+            x = self._values()[name]
+            ends = zip(
+                filled.flows(x).values(), filled.flows(filled.pressure).values(), strict=True
+            )
+            missed += sum(abs(now[0] - before[0]) for now, before in ends) * filled.step / 2
+            inside = max(inside, abs(filled.amount) if filled.gas is None else filled.gas.volume)
+        return missed / inside
+
+    def commit(self) -> None:
+        """Accept the step."""
+        for name, filled in self.filled.items():
+            x = self._values()[name]
+            for opening, (flow, _) in filled.flows(x).items():
+                self.through[opening] = self.through.get(opening, 0.0) + filled.step * flow
+            self._put(name, filled.after(x))
+
+    @contextmanager
+    def tentative(self) -> Iterator[None]:
+        """Accept the step for a while, to look at it."""
+        drives, through = dict(self.drives), dict(self.through)
+        self.commit()
+        try:
+            yield
+        finally:
+            self.drives.update(drives)
+            self.through.clear()
+            self.through.update(through)
