@@ -150,6 +150,26 @@ def test_a_mass_on_the_film_vibrates_at_the_root_of_stiffness_over_mass():
     assert frequency == pytest.approx(np.sqrt(stiffness / MASS) / (2 * np.pi), rel=2e-3)
 
 
+def test_a_step_of_the_voltage_overshoots():
+    """To where the same voltage would hold the plate, by what linear vibrations overshoot."""
+    h = history("dynamics/step_response")
+    before, moving = h[h["stage"] == "hang"].iloc[-1], h[h["stage"] == "switch on"]
+    held = history(
+        "dynamics/step_response",
+        program="[{stage: pull, mount: {force: -0.25 N}, steps: 5},"
+        " {stage: hang, mount: {mass: 3 g}},"
+        " {stage: switch on, terminal: {voltage: 2.5 kV}, steps: 5}]",
+    ).iloc[-1]
+    start_, end = before["displacement_mm"], held["displacement_mm"]
+    x, t = moving["displacement_mm"].to_numpy(), moving["time_s"].to_numpy() - before["time_s"]
+    assert x[-1] == pytest.approx(end, abs=0.2 * abs(end - start_))
+    turns = t[1:-1][np.diff(np.sign(np.diff(x))) != 0]
+    half = np.diff(turns).mean()
+    overshoot = (x.min() - end) / (end - start_)
+    assert overshoot == pytest.approx(np.exp(-40 / 2 * half), rel=0.2)
+    assert moving["damped_energy_mJ"].iloc[-1] > 5 * np.ptp(moving["energy_residual_mJ"])
+
+
 @pytest.mark.parametrize("damping", ["mass", "stiffness"])
 def test_rayleigh_damping(damping):
     """Decay a/2 by the mass, b omega^2 / 2 by the stiffness (its share that bends the film)."""
@@ -251,6 +271,48 @@ def test_a_driven_volume_has_a_smooth_pressure():
     p = h.loc[h["stage"] == "pump", "pressure_kPa"].to_numpy()[4:]
     second = np.abs(np.diff(p, 2)).max()
     assert second < 3 * (2 * np.pi / 100) ** 2 * np.abs(p).max()
+
+
+def test_a_pump_with_valves():
+    """What flows is what the chamber takes; through an orifice as Bernoulli and Torricelli say."""
+    h = history("dynamics/pump_cycle")
+    h = h[h["stage"].isin(["fill", "pump"])]
+    inlet, outlet = h["inflow_mm3.inlet"], h["inflow_mm3.outlet"]
+    filled = (h["volume_mm3"] - inlet - outlet).to_numpy()
+    assert np.ptp(filled) < 1e-6 * filled.max()
+    assert inlet.iloc[-1] > 40  # pumped in three strokes
+    assert outlet.iloc[-1] < -10
+    for flow, other, sign in ((inlet, 0.205, 1), (outlet, 0.225, -1)):
+        p = sign * (other - h["pressure_kPa"].to_numpy()[1:])  # what drives it through the valve
+        rate = sign * np.diff(flow) / np.diff(h["time_s"])
+        open_, shut = p > 5e-3, p < -5e-3
+        expected = 0.6 * np.pi / 4 * 1**2 * np.sqrt(2e-3 * p[open_] / 1e-9)
+        assert open_.sum() > 10
+        assert rate[open_] == pytest.approx(expected, rel=5e-2)
+        assert np.abs(rate[shut]).max() < 1e-2 * expected.max()
+
+
+def test_gas_flows_until_pressures_are_equal():
+    """A balloon that a vessel blows up through a channel: isothermal, p V follows the flow."""
+    stages = (
+        "[{stage: close, chamber: {gas: {volume: 4 ml, pressure: 101.325 kPa}}},"
+        " {stage: fill, duration: 20 s, steps: 200}]"
+    )
+    openings = "{feed: {conductance: 100 mm^3/s/kPa, pressure: 1 kPa}}"
+    h = history(
+        "devices/balloon",
+        chambers=f"{{air: {{on: inside, openings: {openings}}}}}",
+        program=stages,
+        solver__time_tolerance=0,
+    )
+    p, V = h["pressure_kPa"].to_numpy(), h["volume_mm3"].to_numpy()
+    assert p[-1] == pytest.approx(1.0, rel=1e-3)
+    # what is in it has come through the opening, at the pressure there
+    amount = (101.325 + p) * (4000 + V)
+    come = amount[1] + (h["inflow_mm3.feed"] - h["inflow_mm3.feed"].iloc[1]) * 102.325
+    assert amount[2:] == pytest.approx(come.to_numpy()[2:], rel=1e-8)
+    rate = np.diff(h["inflow_mm3.feed"]) / np.diff(h["time_s"])
+    assert rate[1:] == pytest.approx(100 * (1 - p[2:]), rel=1e-6, abs=1e-6)
 
 
 # --- waves ---------------------------------------------------------------------------------------

@@ -31,7 +31,6 @@ from dealib.fem.potential import Problem
 
 Array = npt.NDArray[np.float64]
 _TONNES = 1e-3  # of a kg
-_FLOOR = 1e-3  # of the film's thickness: smaller motion is not resolved
 
 
 @dataclass(frozen=True)
@@ -80,7 +79,7 @@ class Inertia:
         self._beta, self._gamma = (1 - am + af) ** 2 / 4, 0.5 - am + af
         self._own = {port.name: _TONNES * port.mass for port in problem.device.ports}
         self._ports = list(self._map.ports)
-        self._step, self._floor = 0.0, _FLOOR * problem.domain.sizes.thickness
+        self._step, self._least = 0.0, problem.domain.sizes.thickness
         self.now = Rates.rest(self._position(dict.fromkeys(self._ports, 0.0)))
         self._start, self._largest = self.now.u, 0.0
         self.damped = self.numerical = 0.0
@@ -185,11 +184,12 @@ class Inertia:
         """Error of the step just solved over the largest motion of the stage (collective).
 
         Root mean square over the mass of (beta - 1/6) h^2 (r' - r) (O. C. Zienkiewicz, Y. M. Xie,
-        Earthq. Eng. Struct. Dyn. 20 (1991) 871), over that of the displacement since its start.
+        Earthq. Eng. Struct. Dyn. 20 (1991) 871), over that of the displacement since its start, or
+        over the film's thickness.
         """
         end = self._reached()
         missed = self._size((self._beta - 1 / 6) * self._step**2 * (end.r - self.now.r))
-        return missed / max(self._motion(end), self._floor)
+        return missed / max(self._motion(end), self._least)
 
     def commit(self) -> None:
         """Accept the current state as the end of the step (collective).
