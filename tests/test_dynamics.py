@@ -281,8 +281,8 @@ def test_a_pump_with_valves():
     filled = (h["volume_mm3"] - inlet - outlet).to_numpy()
     assert np.ptp(filled) < 1e-6 * filled.max()
     assert inlet.iloc[-1] > 40  # pumped in three strokes
-    assert outlet.iloc[-1] < -10
-    for flow, other, sign in ((inlet, 0.205, 1), (outlet, 0.225, -1)):
+    assert outlet.iloc[-1] < -4
+    for flow, other, sign in ((inlet, 0.205, 1), (outlet, 0.222, -1)):
         p = sign * (other - h["pressure_kPa"].to_numpy()[1:])  # what drives it through the valve
         rate = sign * np.diff(flow) / np.diff(h["time_s"])
         open_, shut = p > 5e-3, p < -5e-3
