@@ -495,7 +495,7 @@ def test_bad_override(dealib, tmp_path, assignment, expected):
     said = "\n".join(f"--set {assignment}: {e}" for e in expected)
     code, out, err = dealib("check", path, "--set", assignment)
     known = (
-        "library, relative_permittivity, prestretch, mounted, branches, mullins, permanent_set, "
+        "library, relative_permittivity, density, prestretch, mounted, branches, mullins, permanent_set, "
     )
     assert (code, out) == (2, "")
     assert err == f"dealib: {said}\n".replace("KEYS", known + keys)
