@@ -1,4 +1,4 @@
-"""Writes balloon.msh, cone.msh, gripper.msh and helix.msh: `python meshes/make.py`.
+"""Writes balloon.msh, cone.msh, gripper.msh, helix.msh and fold.msh: `python meshes/make.py`.
 
 With Gmsh's Python interface. Any other program that writes Gmsh's format will do: the names of the
 physical groups are what matters. Lengths are in mm, (x, y) = (R, Z) of the first two.
@@ -151,6 +151,52 @@ def helix(turns: int = 3, sectors: int = 24, across: int = 4) -> None:
         mesh.setNode(tag, [r * cos(t), r * sin(t), z + 10 * turned], [])
 
 
+def fold(cells: tuple[int, int, int, int] = (2, 12, 5, 3)) -> None:
+    """Half of a film of 50 um on a frame of 0.2 mm, 30 mm long and 20 mm wide, with a window.
+
+    Second-order hexahedra, one through each of them. The window reaches over 20 mm x 12 mm.
+
+    Args:
+        cells: Along an end of the frame and along the window, across half the window and its side.
+    """
+    geo = gmsh.model.geo
+    x, y = (0.0, 5.0, 25.0, 30.0), (0.0, 6.0, 10.0)
+    counts = {0: (cells[0], cells[1], cells[0]), 1: cells[2:]}
+    at = {(i, j): geo.addPoint(a, b, 0) for i, a in enumerate(x) for j, b in enumerate(y)}
+    lines: dict[tuple[tuple[int, int], tuple[int, int]], int] = {}
+    for i, j in at:
+        for axis, end in ((0, (i + 1, j)), (1, (i, j + 1))):
+            if end in at:
+                lines[(i, j), end] = line = geo.addLine(at[i, j], at[end])
+                geo.mesh.setTransfiniteCurve(line, counts[axis][(i, j)[axis]] + 1)
+    patches = {}
+    for i, j in ((i, j) for i in range(3) for j in range(2)):
+        a, b, c, d = (i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)
+        loop = geo.addCurveLoop([lines[a, b], lines[b, c], -lines[d, c], -lines[a, d]])
+        patches[i, j] = geo.addPlaneSurface([loop])
+        geo.mesh.setTransfiniteSurface(patches[i, j])
+        geo.mesh.setRecombine(2, patches[i, j])
+    groups: dict[tuple[int, str], list[int]] = {}
+    for part, height in (("film", 0.05), ("frame", -0.2)):
+        for patch, surface in patches.items():
+            if (part, patch) == ("frame", (1, 0)):
+                continue  # the window
+            top, volume, *_ = geo.extrude([(2, surface)], 0, 0, height, [1], recombine=True)
+            groups.setdefault((3, part), []).append(volume[1])
+            names = {(1, 0): "above"} if part == "film" else {0: "base", 2: "tip"}
+            name = names.get(patch if part == "film" else patch[0])
+            if name is not None:
+                groups.setdefault((2, name), []).append(top[1])
+    groups[2, "below"] = [patches[1, 0]]
+    geo.synchronize()
+    inside = gmsh.model.getEntitiesInBoundingBox(-1, -1e-6, -1, 31, 1e-6, 1, 2)
+    groups[2, "middle"] = [tag for _, tag in inside]
+    for (dim, name), tags in groups.items():
+        gmsh.model.addPhysicalGroup(dim, tags, name=name)
+    gmsh.model.mesh.generate(3)
+    gmsh.model.mesh.setOrder(2)
+
+
 def write(path: Path, draw: Callable[[], Any]) -> Path:
     """Write the mesh that a function draws."""
     gmsh.initialize(interruptible=False)
@@ -169,3 +215,4 @@ if __name__ == "__main__":
     write(here / "cone.msh", cone)
     write(here / "gripper.msh", gripper)
     write(here / "helix.msh", helix)
+    write(here / "fold.msh", fold)
