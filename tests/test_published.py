@@ -26,7 +26,7 @@ MODULUS = 0.015  # MPa
 
 def test_all_of_them_are_here():
     names = {path.stem for path in PUBLISHED.glob("*.yaml")}
-    assert names == {"beam", "disc", "gripper", "helix"}
+    assert names == {"beam", "beam_in_motion", "disc", "gripper", "helix"}
     for path in PUBLISHED.glob("*.yaml"):
         assert len(path.read_text(encoding="utf-8").splitlines()) <= 40, path.name
 
@@ -115,8 +115,8 @@ def test_the_beam_bends_as_published_whatever_the_sign_of_the_voltage():
     h = history("published/beam")
     peaks = when(h, 5.0, -5.0)
     assert peaks == pytest.approx([-12.2, -12.2], abs=READ * 12.2)
-    assert peaks[0] == pytest.approx(peaks[1], rel=1e-8)
-    assert h["tip_mm"].iloc[[4, 8]].to_numpy() == pytest.approx(0, abs=1e-8)
+    assert peaks[0] == pytest.approx(peaks[1], rel=1e-6)
+    assert h["tip_mm"].iloc[[4, 8]].to_numpy() == pytest.approx(0, abs=1e-6)
 
 
 @pytest.mark.slow
@@ -124,6 +124,27 @@ def test_the_beam_s_mesh_is_fine_enough():
     drive = {"program__0__terminal__voltage": "[0 kV, 5 kV]", "program__0__steps": 3}
     fine = history("published/beam", mesh__columns=20, mesh__sectors=4, **drive)
     assert when(history("published/beam"), 5.0) == pytest.approx(when(fine, 5.0), rel=0.01)
+
+
+@pytest.mark.slow
+def test_the_beam_swings_while_it_creeps():
+    """Published are -2.0 mm at 0.55 s, -3.2 at 2 s, -4.1 at 5 s, with ripples of about 0.53 s.
+
+    Times are read no better than 3 % of the 5 s that the picture shows. With 14 cells along the
+    beam instead of 8 all is 0.9 % more.
+    """
+    h = history("published/beam_in_motion")
+    t, tip = h["time_s"].to_numpy(), h["tip_mm"].to_numpy()
+    for time, wanted in ((0.55, -2.0), (2.0, -3.2), (5.0, -4.1)):
+        near = tip[np.abs(t - time) <= READ * 5]
+        assert near.min() - READ * 4.1 <= wanted <= near.max() + READ * 4.1
+    low = t[1:-1][(tip[1:-1] < tip[:-2]) & (tip[1:-1] <= tip[2:])]
+    assert np.diff(low).mean() == pytest.approx(0.53, rel=0.08)
+    # it creeps on, and swings less and less
+    assert (np.diff(tip[np.isin(t, low)]) < 0).all()
+    assert h["dissipated_energy_mJ"].iloc[-1] > 10 * h["kinetic_energy_mJ"].max()
+    work = h["terminal_work_mJ"].iloc[-1]
+    assert h["energy_residual_mJ"].abs().max() < 1e-3 * work
 
 
 # --- the gripper ---------------------------------------------------------------------------------
