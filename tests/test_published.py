@@ -116,7 +116,7 @@ def test_the_beam_bends_as_published_whatever_the_sign_of_the_voltage():
     peaks = when(h, 5.0, -5.0)
     assert peaks == pytest.approx([-12.2, -12.2], abs=READ * 12.2)
     assert peaks[0] == pytest.approx(peaks[1], rel=1e-6)
-    assert h["tip_mm"].iloc[[4, 8]].to_numpy() == pytest.approx(0, abs=1e-6)
+    assert h["tip_mm"].iloc[[6, 12]].to_numpy() == pytest.approx(0, abs=1e-6)
 
 
 @pytest.mark.slow
