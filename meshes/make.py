@@ -1,13 +1,14 @@
-"""Writes balloon.msh and cone.msh, with Gmsh's Python interface: `python meshes/make.py`.
+"""Writes balloon.msh, cone.msh, gripper.msh, helix.msh and fold.msh: `python meshes/make.py`.
 
-Any other program that writes Gmsh's format will do: the names of the physical groups are what
-matters. Lengths are in mm, (x, y) = (R, Z).
+With Gmsh's Python interface. Any other program that writes Gmsh's format will do: the names of the
+physical groups are what matters. Lengths are in mm, (x, y) = (R, Z) of the first two.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import hypot
+from itertools import pairwise
+from math import cos, hypot, pi, sin
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +80,123 @@ def cone(thickness: float = 0.05, scale: int = 1) -> None:
     shell(corners, names, (60 * scale, 2), ends=0.05)
 
 
+def gripper(size: float = 4.0) -> None:
+    """A quarter of a gripper with four arms of 50 mm, of two layers of 0.5 mm each.
+
+    Second-order hexahedra on quadrilaterals, one through each layer.
+
+    Args:
+        size: Of the quadrilaterals.
+    """
+    geo = gmsh.model.geo
+    gmsh.option.setNumber("Mesh.RecombinationAlgorithm", 3)  # quadrilaterals alone
+    places = ((0, 0), (10, 0), (10, 10), (0, 10), (50, 0), (0, 50), (50, 5), (5, 50))
+    o, a, c, b, tip, top, near_tip, near_top = (geo.addPoint(*xy, -0.5, size) for xy in places)
+    oa, ac, bc, ob = (geo.addLine(*ends) for ends in ((o, a), (a, c), (b, c), (o, b)))
+    along_x, along_y = geo.addLine(a, tip), geo.addLine(b, top)
+    edge_x = geo.addBezier([c, c, near_tip, tip, tip])
+    edge_y = geo.addBezier([top, top, top, near_top, c, c])
+    loops = ([oa, ac, -bc, -ob], [along_x, -edge_x, -ac], [bc, -edge_y, -along_y])
+    low = [geo.addPlaneSurface([geo.addCurveLoop(loop)]) for loop in loops]
+    for surface in low:
+        geo.mesh.setRecombine(2, surface)
+    layers = [low]
+    volumes = []
+    for _ in range(2):
+        found = geo.extrude([(2, s) for s in layers[-1]], 0, 0, 0.5, [1], recombine=True)
+        volumes += [tag for dim, tag in found if dim == 3]
+        # of each surface that is drawn up comes first the one above, then the volume
+        layers.append([tag for (_, tag), (dim, _) in pairwise(found) if dim == 3])
+    geo.synchronize()
+    faces = {"held": low[:1], "middle": layers[1], "top": layers[2]}
+    for name, axis in (("x0", 0), ("y0", 1)):
+        inside = [-1e-6] * 3, [1e-6 if k == axis else 60.0 for k in range(3)]
+        inside[0][2] = -0.6
+        found = gmsh.model.getEntitiesInBoundingBox(*inside[0], *inside[1], 2)
+        faces[name] = [tag for _, tag in found]
+    for name, tags in faces.items():
+        gmsh.model.addPhysicalGroup(2, tags, name=name)
+    gmsh.model.addPhysicalGroup(3, volumes, name="film")
+    gmsh.model.mesh.generate(3)
+    gmsh.model.mesh.setOrder(2)
+
+
+def helix(turns: int = 3, sectors: int = 24, across: int = 4) -> None:
+    """A strip 5 mm high between the radii 4.9 and 5.1 mm, wound up with a pitch of 10 mm.
+
+    Second-order hexahedra, one through the wall: a box whose nodes are moved to where they belong.
+
+    Args:
+        turns: How often it goes around.
+        sectors: Cells in a turn.
+        across: Cells over its height.
+    """
+    geo, mesh = gmsh.model.geo, gmsh.model.mesh
+    line = geo.addLine(*(geo.addPoint(r, 0, 0) for r in (4.9, 5.1)))
+    geo.mesh.setTransfiniteCurve(line, 2)
+    base = geo.extrude([(1, line)], 0, 0, 5, [across], recombine=True)[1][1]
+    _, volume, _, outside, _, inside = geo.extrude(
+        [(2, base)], 0, turns, 0, [turns * sectors], recombine=True
+    )
+    geo.synchronize()
+    faces = {"base": base, "outside": outside[1], "inside": inside[1]}
+    for name, face in faces.items():
+        gmsh.model.addPhysicalGroup(2, [face], name=name)
+    gmsh.model.addPhysicalGroup(3, [volume[1]], name="film")
+    mesh.generate(3)
+    mesh.setOrder(2)
+    tags, places, _ = mesh.getNodes()
+    for tag, (r, turned, z) in zip(tags, places.reshape(-1, 3), strict=True):
+        t = 2 * pi * turned
+        mesh.setNode(tag, [r * cos(t), r * sin(t), z + 10 * turned], [])
+
+
+def fold(cells: tuple[int, int, int, int] = (2, 12, 5, 3)) -> None:
+    """Half of a film of 50 um on a frame of 0.2 mm, 30 mm long and 20 mm wide, with a window.
+
+    Second-order hexahedra, one through each of them. The window reaches over 20 mm x 12 mm.
+
+    Args:
+        cells: Along an end of the frame and along the window, across half the window and its side.
+    """
+    geo = gmsh.model.geo
+    x, y = (0.0, 5.0, 25.0, 30.0), (0.0, 6.0, 10.0)
+    counts = {0: (cells[0], cells[1], cells[0]), 1: cells[2:]}
+    at = {(i, j): geo.addPoint(a, b, 0) for i, a in enumerate(x) for j, b in enumerate(y)}
+    lines: dict[tuple[tuple[int, int], tuple[int, int]], int] = {}
+    for i, j in at:
+        for axis, end in ((0, (i + 1, j)), (1, (i, j + 1))):
+            if end in at:
+                lines[(i, j), end] = line = geo.addLine(at[i, j], at[end])
+                geo.mesh.setTransfiniteCurve(line, counts[axis][(i, j)[axis]] + 1)
+    patches = {}
+    for i, j in ((i, j) for i in range(3) for j in range(2)):
+        a, b, c, d = (i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)
+        loop = geo.addCurveLoop([lines[a, b], lines[b, c], -lines[d, c], -lines[a, d]])
+        patches[i, j] = geo.addPlaneSurface([loop])
+        geo.mesh.setTransfiniteSurface(patches[i, j])
+        geo.mesh.setRecombine(2, patches[i, j])
+    groups: dict[tuple[int, str], list[int]] = {}
+    for part, height in (("film", 0.05), ("frame", -0.2)):
+        for patch, surface in patches.items():
+            if (part, patch) == ("frame", (1, 0)):
+                continue  # the window
+            top, volume, *_ = geo.extrude([(2, surface)], 0, 0, height, [1], recombine=True)
+            groups.setdefault((3, part), []).append(volume[1])
+            names = {(1, 0): "above"} if part == "film" else {0: "base", 2: "tip"}
+            name = names.get(patch if part == "film" else patch[0])
+            if name is not None:
+                groups.setdefault((2, name), []).append(top[1])
+    groups[2, "below"] = [patches[1, 0]]
+    geo.synchronize()
+    inside = gmsh.model.getEntitiesInBoundingBox(-1, -1e-6, -1, 31, 1e-6, 1, 2)
+    groups[2, "middle"] = [tag for _, tag in inside]
+    for (dim, name), tags in groups.items():
+        gmsh.model.addPhysicalGroup(dim, tags, name=name)
+    gmsh.model.mesh.generate(3)
+    gmsh.model.mesh.setOrder(2)
+
+
 def write(path: Path, draw: Callable[[], Any]) -> Path:
     """Write the mesh that a function draws."""
     gmsh.initialize(interruptible=False)
@@ -95,3 +213,6 @@ if __name__ == "__main__":
     here = Path(__file__).parent
     write(here / "balloon.msh", balloon)
     write(here / "cone.msh", cone)
+    write(here / "gripper.msh", gripper)
+    write(here / "helix.msh", helix)
+    write(here / "fold.msh", fold)

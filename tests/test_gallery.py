@@ -46,6 +46,7 @@ Array = npt.NDArray[np.float64]
 
 DEVICES = {
     "annulus_with_chamber", "balloon", "cone", "diaphragm_pump", "expanding_circle",
+    "minimum_energy_structure",  # in test_minimum_energy.py
     "positioning_stage",  # in test_rigid_mount.py
     "pure_shear_strip", "segmented_annulus", "stack", "tube", "unimorph_bender",
     "wrinkling_film",  # in test_stability.py

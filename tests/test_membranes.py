@@ -9,7 +9,7 @@ import pytest
 from laminates import config, layer, rows, simulation
 from verification.references.annulus import Annulus, push
 from verification.references.laws import Film, neo_hooke, slope
-from verification.references.wrinkling import natural_width, onset
+from verification.references.wrinkling import natural_width, onset, sheared_strip
 
 from dealib.errors import NotConverged
 from dealib.materials import coupon
@@ -136,7 +136,7 @@ def test_a_film_begins_to_wrinkle_at_its_voltage():
 
 
 def test_slack_everywhere_it_has_the_stiffness_that_is_left():
-    """Pressed both ways; neo-Hooke of the share that is left bears it."""
+    """Pressed both ways: springs of the share of the modulus that is left bear it."""
     slack = 0.01
     program = [
         {
@@ -146,8 +146,50 @@ def test_slack_everywhere_it_has_the_stiffness_that_is_left():
         }
     ]
     end = square(program, wrinkling="tension_field", slack_stiffness=slack)[-1]
-    left = slope(neo_hooke(slack * G), 0.9, 0.9) * 0.050 * 8
+    left = slack * G * (0.9 - 1) * 0.050 * 8
     assert end["force_N.plate"] == pytest.approx(left, rel=1e-3)
+
+
+def sheared(length, cells, wrinkling):
+    """A strip of 10 mm between clamps, one of which moves along the other by 3 mm.
+
+    Returns:
+        The force, N, and the number of negative modes.
+    """
+    given = config(
+        "annulus",
+        layer(thickness="50 um"),
+        geometry={"base": SQUARE | {"length": f"{length} mm", "width": "10 mm"}},
+        mesh={"columns": cells[0], "sectors": cells[1], "grading": "uniform"},
+        materials={"film": RUBBER | {"bulk_modulus": "334 MPa", "prestretch": 1.01}},
+        physics=MEMBRANE | {"wrinkling": wrinkling},
+        mounts={"edge": {"on": "back", "along": "X"}},
+        holds=[{"on": "front", "fix": ["X", "Y", "Z"]}],
+        program=[
+            {"stage": "prestrain"},
+            {"stage": "shear", "mounts": {"edge": {"displacement": "3 mm"}}, "steps": 4},
+        ],
+    )
+    run = simulation(given)
+    force = [state.row["force_N"] for state in run][-1]
+    return force, run.engine.newton.unstable_modes()
+
+
+@pytest.mark.slow
+def test_a_sheared_strip_wrinkles_alike_on_every_mesh():
+    """Wagner's web: the force of a piece far from the ends is that of an endless strip.
+
+    A taut strip bears a fifth more, and has the more negative modes, the finer its mesh is.
+    """
+    short, long = (sheared(n, (4 * n // 5, 4), "tension_field") for n in (20, 40))
+    web = sheared_strip(neo_hooke(G), 0.3 * 1.01, 1.01, 1.01).nominal[0, 1]
+    assert long[0] - short[0] == pytest.approx(web * 0.050 * 1.01 * 20, rel=5e-3)
+    fine = sheared(20, (24, 6), "tension_field")
+    assert fine[0] == pytest.approx(short[0], rel=3e-3)
+    assert short[1] == long[1] == fine[1] == 0
+    taut, refined = (sheared(20, cells, "taut") for cells in ((16, 4), (24, 6)))
+    assert taut[0] > 1.15 * short[0]
+    assert refined[1] > 1.5 * taut[1] > 50
 
 
 @pytest.mark.parametrize(

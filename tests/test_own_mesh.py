@@ -379,3 +379,19 @@ def test_hexahedra_of_twenty_nodes_are_refused_with_what_to_do(tmp_path):
     written(tmp_path / "m.msh", named(hexahedra=True), 2, 1)
     with pytest.raises(ConfigError, match="hexahedra of second order need 27 nodes"):
         solved(tmp_path, FREE)
+
+
+def test_a_run_is_read_where_its_mesh_is_away(tmp_path, monkeypatch):
+    """From another folder, or after the mesh is gone: the run has a copy, in mm."""
+    written(tmp_path / "m.msh", film("quads", scale=1e-3), 1, 0)
+    (tmp_path / "own.yaml").write_text(TEXT.replace("space:", "unit: m, space:"))
+    monkeypatch.chdir(tmp_path)
+    dealib.simulate("own.yaml", "run")
+    (tmp_path / "m.msh").unlink()
+    monkeypatch.chdir("/")
+    run = dealib.open(tmp_path / "run")
+    assert run.config.geometry.file == str(tmp_path / "run" / "mesh.msh")
+    assert run.config.geometry.unit == "mm"
+    assert [region.name for region in run.config.device.solids] == ["rubber"]
+    points = run.mesh.points
+    assert [points[:, 0].min(), points[:, 0].max()] == pytest.approx([8, 12])

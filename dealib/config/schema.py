@@ -84,7 +84,8 @@ class Physics(Section):
         1e-3,
         gt=0,
         le=0.1,
-        description="share of the stiffness that is left where it wrinkles",
+        description="of tension fields: share of the shear modulus with which springs hold the "
+        "sheet where it was mounted, so that no part of it is without stiffness",
     )
     formulation: Literal["displacement", "mixed"] = Field(
         "displacement",

@@ -189,6 +189,12 @@ class SheetKinematics(Kinematics):
             return 1
         return 1 + u[0] / (position[0] if self.lies[0] == 0 else self.offset)
 
+    def gradient_square(self, u: Any, position: Any) -> Any:
+        """Square of the displacement's gradient in the sheet, as a UFL expression."""
+        import ufl
+
+        return ufl.inner(ufl.grad(u), ufl.grad(u)) + (self.around(u, position) - 1) ** 2
+
     def metric(self, u: Any, position: Any) -> tuple[Any, ...]:
         """Components of the metric C = F^T F in the sheet that can change, as UFL expressions.
 

@@ -8,6 +8,10 @@ that of the wrinkled sheet (see `materials.wrinkling`).
 The energy is so a function of the metric's components and of the terminals' voltages alone. Its
 first and second derivatives by these are found at the quadrature points and kept there; the forms
 are the same for all laws.
+
+A wrinkled sheet has no stiffness across its wrinkles, and a slack one none at all. What it keeps,
+so that it can be solved, is k/2 |grad u|^2: it is convex, so that nothing buckles, and least where
+the sheet was mounted, so that nothing collapses. No energy that a turn leaves alone is both.
 """
 
 from __future__ import annotations
@@ -195,19 +199,18 @@ class SheetModel:
         self._values = fem.Function(compat.functionspace(mesh, element), name="resultants")
         scalars = compat.functionspace(mesh, compat.quadrature_element(mesh, degree, 1))
         self._flags = fem.Function(scalars, name="wrinkled")
+        self._springs = fem.Function(scalars, name="springs")
         self._cells = {area: domain.cells(area) for area in self._layers}
         points = len(compat.quadrature(mesh, degree)[0])
         self._points, self.wrinkles = points, {}
         self.reference = compat.quadrature(mesh, degree)[0]
         measure = ufl.Measure("dx", domain=mesh, metadata={"quadrature_degree": degree})
         self._volume, self._measure = kinematics.volume(x), measure
-        if slack is not None:
-            self._slack = slack
-            for area, cells in self._cells.items():
-                self.wrinkles[area] = Wrinkles(len(cells) * points, self._size)
-            self._metric_at = compat.expression(
-                ufl.as_vector(list(self._metric)), compat.quadrature(mesh, degree)[0]
-            )
+        self._slack = None if slack is None else kinematics.gradient_square(self._u, x) / 2
+        for area, share in (slack or {}).items():
+            cells = self._cells[area]
+            self.wrinkles[area] = Wrinkles(len(cells) * points, self._size)
+            self._springs.x.array[compat.cell_dofs(scalars)[cells]] = share
 
     # --- at the quadrature points ----------------------------------------------------------------
 
@@ -273,26 +276,7 @@ class SheetModel:
         flat = wrinkles.condensed(slopes[..., :size].reshape(-1, size), flat)
         hessian = flat.reshape(hessian.shape)
         slopes[np.logical_not(there.reshape(shape))] = np.nan
-        self._add_slack(area, energies, slopes, hessian)
         return [energies, slopes, hessian]
-
-    def _add_slack(self, area: str, energies: Any, slopes: Any, hessian: Any) -> None:
-        """What stiffness the wrinkled sheet keeps: an incompressible neo-Hookean film's.
-
-        G/2 (tr C + 1/det C - 3), so that no point is without any.
-        """
-        C = compat.evaluate(self._metric_at, self._domain.mesh, self._cells[area], self._points)
-        C = np.concatenate([C, *([np.ones((*C.shape[:-1], 1))] if self._size == 1 else [])], -1)
-        size, half = self._size, self._slack[area] / 2
-        twelve = C[..., 2] if size == 3 else 0.0
-        det = C[..., 0] * C[..., 1] - twelve**2
-        slope = np.stack([C[..., 1], C[..., 0], *([-2 * twelve] if size == 3 else [])], -1)
-        second = np.array([[0, 1.0, 0], [1.0, 0, 0], [0, 0, -2.0]])[:size, :size]
-        slope = slope[..., :size]
-        energies[..., _ELASTIC] += half * (C[..., 0] + C[..., 1] + 1 / det - 3)
-        slopes[..., :size] += half * (np.array([1.0, 1.0, 0])[:size] - slope / det[..., None] ** 2)
-        both = 2 * slope[..., :, None] * slope[..., None, :] / det[..., None, None]
-        hessian[..., :size, :size] += half * (both - second) / det[..., None, None] ** 2
 
     # --- forms -----------------------------------------------------------------------------------
 
@@ -300,16 +284,23 @@ class SheetModel:
         """The elastic or the electric energy, mJ; or the wrinkled area as mounted, mm^2."""
         if name == "wrinkled":
             return self._over(self._flags[0])
+        if name == "elastic" and self._slack is not None:
+            return self._over(self._values[_ELASTIC] + self._springs[0] * self._slack)
         return self._over(self._values[_ELASTIC if name == "elastic" else _ELECTRIC])
 
     def first(self, test: Any) -> Any:
         """First variation of the potential."""
-        parts = (self._slope(k) * self._varied(k, test) for k in range(self._size))
-        return self._over(sum(parts))
+        total = sum(self._slope(k) * self._varied(k, test) for k in range(self._size))
+        if self._slack is not None:
+            total += self._springs[0] * ufl.derivative(self._slack, self._w, test)
+        return self._over(total)
 
     def second(self, test: Any, trial: Any) -> Any:
         """Second variation."""
         total: Any = 0
+        if self._slack is not None:
+            total = ufl.derivative(ufl.derivative(self._slack, self._w, test), self._w, trial)
+            total *= self._springs[0]
         for i in range(self._size):
             total += self._slope(i) * ufl.derivative(self._varied(i, test), self._w, trial)
             for j in range(self._size):

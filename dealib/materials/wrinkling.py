@@ -80,9 +80,9 @@ class Wrinkles:
         """
         self.root[~np.isfinite(self.root).all(axis=(-1, -2))] = 0.0  # after what failed
         for _ in range(_MOST):
-            slope, curvature = evaluate(self.excess)
+            slope, curvature, known = _known(*evaluate(self.excess))
             if self._kick(slope, curvature):
-                slope, curvature = evaluate(self.excess)
+                slope, curvature, known = _known(*evaluate(self.excess))
             gradient, hessian, _ = self._in_root(slope, curvature)
             values, vectors = np.linalg.eigh(hessian)
             size = np.abs(values).max(axis=-1, keepdims=True)
@@ -95,7 +95,7 @@ class Wrinkles:
             self.root = (frames * np.abs(eigen)[:, None, :]) @ np.swapaxes(frames, -1, -2)
             if not length.max(initial=0.0) > _ENOUGH:
                 break
-        return np.asarray(length <= 1e-8)
+        return np.asarray(known & (length <= 1e-8))
 
     def _kick(self, slope: Array, curvature: Array) -> bool:
         """Start wrinkles where a film is flat and pressed; returns whether there are new ones.
@@ -144,11 +144,23 @@ class Wrinkles:
         count = len(self._basis)
         _, inner, J = self._in_root(slope, hessian[:, :count, :count])
         wrinkled = np.abs(self.root).max(axis=(-1, -2)) > _FLAT
+        wrinkled &= np.isfinite(inner).all(axis=(-1, -2))
         inner = np.where(wrinkled[:, None, None], inner, np.eye(count))
         J = np.where(wrinkled[:, None, None], J, 0.0)
         mixed = hessian[:, :, :count] @ J
         back = np.linalg.pinv(inner, hermitian=True) @ np.swapaxes(mixed, 1, 2)
         return np.asarray(hessian - mixed @ back)
+
+
+def _known(slope: Array, curvature: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """The same with zeros where an energy has no derivatives, and whether it has, (points,).
+
+    LAPACK may not end on what is not a number.
+    """
+    known = np.asarray(np.isfinite(slope).all(axis=-1) & np.isfinite(curvature).all(axis=(-1, -2)))
+    slope, curvature = slope.copy(), curvature.copy()
+    slope[~known], curvature[~known] = 0.0, 0.0
+    return slope, curvature, known
 
 
 def extended(F: Array, excess: Array, plane: tuple[int, int]) -> Array:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from dealib.results.mesh import ResultMesh
 
 CONFIG = "config.resolved.yaml"
+MESH = "mesh.msh"
 
 
 class Run:
@@ -140,13 +141,22 @@ class Run:
         from dealib.config.text import load
 
         try:
-            return read(self.directory / CONFIG)
+            config = read(self.directory / CONFIG)
         except ConfigError as error:
             kept = self._kept_text(CONFIG)
             if not kept:
                 raise self._without(CONFIG, error) from None
             self._tell(f"{first_line(error)}; the config is that in {store.STATES}")
-            return Config.model_validate(load(kept))
+            config = Config.model_validate(load(kept))
+        return self._with_mesh(config)
+
+    def _with_mesh(self, config: Config) -> Config:
+        """The config with the run's copy of an own mesh, in mm, where the file itself is away."""
+        geometry, copy = config.geometry, self.directory / MESH
+        if geometry.shape != "mesh" or Path(geometry.file).exists() or not copy.exists():
+            return config
+        geometry = geometry.model_copy(update={"file": str(copy), "unit": "mm"})
+        return config.model_copy(update={"geometry": geometry})
 
     def text(self, name: str) -> str:
         """Text of `config.yaml` or `config.resolved.yaml`; empty if it is not to be had."""
