@@ -57,6 +57,41 @@ def run(
 
 
 @app.command()
+def modes(
+    config: ConfigFile,
+    count: Annotated[int, typer.Option(min=1, max=50, help="how many modes, from the lowest")] = 8,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(metavar="STAGE", help="at the end of this stage; repeat for more; the last"),
+    ] = None,
+    along: Annotated[
+        str | None,
+        typer.Option(metavar="STAGE", help="frequencies at each state of this stage, too"),
+    ] = None,
+    set: Set = None,
+    out: Annotated[Path | None, typer.Option(help="directory; default RUN-modes")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier ones")] = False,
+    mpi: Annotated[int, typer.Option(min=1, help="number of MPI ranks")] = 1,
+) -> None:
+    """Natural frequencies and shapes about the states at the ends of stages.
+
+    Ports that are driven by their value are held; loaded ones are free, with what hangs on them;
+    terminals with a given charge are open. A mode that grows has a negative frequency: minus its
+    growth rate over 2 pi. `dealib animate RUN-modes --field mode2` lets a mode swing.
+    """
+    from dealib.config import load
+
+    case = load(config, set)
+    if mpi > 1:
+        from dealib.cli.mpi import launch
+
+        launch(mpi)
+    from dealib.cli.modes import find_modes
+
+    find_modes(case, at or [], along, count, out, overwrite)
+
+
+@app.command()
 def check(config: ConfigFile, set: Set = None) -> None:
     """Validate a config and estimate its size; nothing is solved or written."""
     from dealib.config import load
