@@ -35,10 +35,7 @@ CHEAP = {  # no suite within the suite, no more processes than there are, a shor
         ".venv/bin/dealib animate runs/resonance-modes --field mode2 --seconds 0.5"
     ),
     ".venv/bin/dealib sweep configs/my_study.yaml -j 8": (
-        ".venv/bin/dealib animate runs/resonance-modes --field mode2": (
-        ".venv/bin/dealib animate runs/resonance-modes --field mode2 --seconds 0.5"
-    ),
-    ".venv/bin/dealib sweep configs/my_study.yaml -j 2"
+        ".venv/bin/dealib sweep configs/my_study.yaml -j 2"
     ),
 }
 THESIS = ("fig04", "fig19")  # the studies of the copy's thesis

@@ -92,6 +92,44 @@ def modes(
 
 
 @app.command()
+def respond(
+    config: ConfigFile,
+    low: Annotated[str, typer.Option("--from", metavar="FREQUENCY", help="such as 1 Hz")],
+    high: Annotated[str, typer.Option("--to", metavar="FREQUENCY", help="such as 1 kHz")],
+    points: Annotated[int, typer.Option(min=2, max=10_000, help="at equal ratios")] = 100,
+    of: Annotated[
+        str | None, typer.Option(metavar="TERMINAL", help="that is driven; default the first one")
+    ] = None,
+    at: Annotated[
+        str | None, typer.Option(metavar="STAGE", help="at the end of this stage; default the last")
+    ] = None,
+    series_resistance: Annotated[str, typer.Option(metavar="R", help="of the driver")] = "0 ohm",
+    series_inductance: Annotated[str, typer.Option(metavar="L", help="of the driver")] = "0 H",
+    set: Set = None,
+    out: Annotated[Path | None, typer.Option(help="directory; default RUN-response")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier one")] = False,
+    mpi: Annotated[int, typer.Option(min=1, help="number of MPI ranks")] = 1,
+) -> None:
+    """Small-signal spectrum about a state: displacement, force, charge, current, impedance.
+
+    A small voltage is added to that of a terminal; the other ports stay driven as they are. Maxwell
+    branches have relaxed before. With sensing.sheet_resistance the electrodes conduct along
+    themselves, from sensing.contact on. An equivalent circuit is fitted to the impedance.
+    """
+    from dealib.config import load
+
+    case = load(config, set)
+    if mpi > 1:
+        from dealib.cli.mpi import launch
+
+        launch(mpi)
+    from dealib.cli.respond import respond as find
+
+    given = (series_resistance, series_inductance)
+    find(case, (low, high), points, of, at, given, out, overwrite)
+
+
+@app.command()
 def check(config: ConfigFile, set: Set = None) -> None:
     """Validate a config and estimate its size; nothing is solved or written."""
     from dealib.config import load

@@ -103,6 +103,20 @@ class Viscosity:
             for part, terms in zip(self._parts.values(), before, strict=True):
                 part.terms = terms
 
+    @contextmanager
+    def relaxed(self) -> Iterator[None]:
+        """Let all branches have relaxed in the current state, for a while (collective)."""
+        kept = [(part, part.now) for part in self._parts.values()]
+        for part, C in self._metrics():
+            internal = part.now.internal.copy()
+            internal[: len(part.material.branches)] = C
+            part.now = part.now._replace(C=C, internal=internal)
+        try:
+            yield
+        finally:
+            for part, now in kept:
+                part.now = now
+
     def _reform(self) -> None:
         """Prepare the current step of the networks whose clock is the energy, to this state."""
         for part, C in self._metrics():

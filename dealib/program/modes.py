@@ -41,6 +41,13 @@ def at_rest(case: Case, stages: Sequence[str]) -> Case:
     return replace(case, config=config.model_copy(update={"program": program, "output": output}))
 
 
+def ends_program(state: State) -> bool:
+    """Whether a state that ends a stage is the program's last one."""
+    progress, program = state.engine.progress, state.engine.config.program
+    last = len(program) - (program[0].stage == "prestrain")
+    return progress.ended or progress.stage == last
+
+
 @dataclass
 class Watch:
     """Finds the vibrations about states, one after the other (collective).
@@ -62,7 +69,8 @@ class Watch:
     def __call__(self, state: State) -> State:
         """Look at a state; the shapes at the end of a stage are added to it."""
         of, row = state.engine, state.row
-        wanted = state.end_of_stage and self._wanted(of, row["stage"])
+        ends = row["stage"] in self.stages if self.stages else ends_program(state)
+        wanted = state.end_of_stage and ends
         along = row["stage"] == self.along
         if not (wanted or along):
             return state
@@ -75,13 +83,6 @@ class Watch:
         shapes, scales = of.mode_shapes(found.modes)
         self.rows += _modes(of, row, found, scales)
         return replace(state, modes=shapes)
-
-    def _wanted(self, of: Engine, stage: str) -> bool:
-        if self.stages:
-            return stage in self.stages
-        program = of.config.program
-        last = len(program) - (program[0].stage == "prestrain")
-        return of.progress.ended or of.progress.stage == last
 
     def told(self) -> Iterator[str]:
         """A line a mode."""

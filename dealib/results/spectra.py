@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from dealib.results.reader import Run
 
 MODES, FREQUENCIES, RESPONSE = "modes.csv", "frequencies.csv", "response.csv"
-SHAPES = "modes.xdmf"
+SHAPES, CIRCUIT = "modes.xdmf", "circuit.csv"
 
 
 def write(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
