@@ -14,14 +14,15 @@ from laminates import config, simulation
 from test_modes import DENSITY, SOFT, beam, command, loaded, small  # noqa: F401 - a fixture
 from test_parallel import PATIENCE
 from verification.references import line, oscillator
+from verification.references import sound as references
 
 import dealib
 from dealib.cli.mpi import environment, mpirun
 from dealib.errors import ConfigError, ValueAt
 from dealib.fem.response import Response, relaxed_state
-from dealib.program.modes import at_rest
+from dealib.program.modes import Watch, at_rest
 from dealib.program.response import Driver, Spectrum
-from dealib.results import circuit
+from dealib.results import circuit, sound
 from dealib.units import EPSILON_0
 
 
@@ -251,6 +252,57 @@ def test_frequencies_in_between_are_as_good_as_solved_ones():
         ]
     ratio = np.array(swept)[::6] / np.array(alone)
     assert np.abs(ratio - 1).max() < 1e-6
+
+
+# --- sound ---------------------------------------------------------------------------------------
+
+DOME = ("dynamics/loudspeaker", {"mesh.columns": 24})
+
+
+def test_a_piston_in_a_wall():
+    """On its axis rho c w (exp(-ikz) - exp(-ik s)); the power of any profile of the references."""
+    r, omega, z = np.linspace(2.0, 20.0, 7), 2 * np.pi * 4e3, 50.0
+    k, air = omega / sound.SPEED, references.Air(sound.DENSITY, sound.SPEED)
+    w = np.full(7, 3.0 + 1j)
+    exact = sound.DENSITY * sound.SPEED * w[0]
+    exact *= np.exp(-1j * k * z) - np.exp(-1j * k * np.hypot(20.0, z))
+    assert sound.on_axis(r, w, omega, z) == pytest.approx(exact, rel=1e-9)
+    fine = np.linspace(0, 20.0, 400)
+    bulge = 1 - (fine / 20.0) ** 2
+    given = (lambda x: 1 - (x / 20.0) ** 2), 20.0, omega
+    assert sound.power(fine, bulge, omega) == pytest.approx(references.power(*given, air), rel=1e-4)
+    assert sound.on_axis(fine, bulge, omega, z) == pytest.approx(
+        references.on_axis(*given, z, air), rel=1e-4
+    )
+
+
+def test_a_loudspeaker_sounds_by_the_volume_that_it_moves():
+    """Where it is small against the wave, and the point far away; it resonates as its dome does."""
+    given = at_rest(case(DOME[0], **{k.replace(".", "__"): v for k, v in DOME[1].items()}), [])
+    modes = Watch((), None, 1)
+    for state in dealib.Simulation(given):
+        modes(state)
+    hertz, far = np.array([20.0, 100.0, modes.rows[0]["frequency_Hz"]]), 2000.0
+    found = Spectrum(None, "terminal", hertz, distance=far)
+    for state in dealib.Simulation(given):
+        found(state)
+    table = pd.DataFrame(found.rows)
+    omega = 2 * np.pi * hertz
+    volume = complex_of(table, "volume_mm3_per_kV", "volume_phase_deg")
+    k = omega / sound.SPEED
+    exact = -sound.DENSITY * omega**2 * volume * np.exp(-1j * k * far) / (2 * np.pi * far) * 1e6
+    heard = complex_of(table, "sound_pressure_Pa_per_kV", "sound_phase_deg")
+    assert np.abs(heard / exact - 1).max() < 0.01
+    power = sound.DENSITY * omega**4 * np.abs(volume) ** 2 / (4 * np.pi * sound.SPEED)
+    assert table["sound_power_mW_per_kV2"].to_numpy() == pytest.approx(power, rel=0.01)
+    assert table["apex_mm_per_kV"][2] > 20 * table["apex_mm_per_kV"][0]
+    # the column of the probe is the displacement that a little voltage gives
+    assert table["apex_phase_deg"][0] == pytest.approx(0, abs=2)
+
+
+def test_sound_is_that_of_flat_bodies_of_revolution():
+    with pytest.raises(ConfigError, match="sound: only of a disc or an annulus"):
+        spectrum(beam(), [10.0], distance=100.0)
 
 
 # --- circuits ------------------------------------------------------------------------------------

@@ -28,6 +28,7 @@ def respond(
     of: str | None,
     at: str | None,
     in_series: tuple[str, str],
+    sound_at: str | None,
     out: Path | None,
     overwrite: bool,
 ) -> None:
@@ -47,7 +48,8 @@ def respond(
     )
     terminal = terminal_of(case.config, of)
     still = at_rest(case, [at] if at is not None else [])
-    spectrum = Spectrum(at, terminal.name, frequencies(low, high, points), driver)
+    distance = None if sound_at is None else _quantity("--sound-at", sound_at, "length")
+    spectrum = Spectrum(at, terminal.name, frequencies(low, high, points), driver, distance)
     directory = out or Path(f"{case.config.directory}-response")
     refuse_full_disk(still.config, directory)
     with case.blamed():

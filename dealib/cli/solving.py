@@ -105,6 +105,10 @@ def respond(
     ] = None,
     series_resistance: Annotated[str, typer.Option(metavar="R", help="of the driver")] = "0 ohm",
     series_inductance: Annotated[str, typer.Option(metavar="L", help="of the driver")] = "0 H",
+    sound_at: Annotated[
+        str | None,
+        typer.Option(metavar="DISTANCE", help="on the axis of a disc or annulus in a baffle"),
+    ] = None,
     set: Set = None,
     out: Annotated[Path | None, typer.Option(help="directory; default RUN-response")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier one")] = False,
@@ -126,7 +130,7 @@ def respond(
     from dealib.cli.respond import respond as find
 
     given = (series_resistance, series_inductance)
-    find(case, (low, high), points, of, at, given, out, overwrite)
+    find(case, (low, high), points, of, at, given, sound_at, out, overwrite)
 
 
 @app.command()

@@ -44,8 +44,8 @@ def resolved(system: System) -> System:
     for support in _electrodes(problem):
         if not domain.comm.allreduce(int(support.where in map_.contacted)):
             whose = repr(support.port) if support.port else "ground"
-            problem = f"the electrode of terminal {whose} does not reach the end {contact!r}"
-            raise ValueAt(where, problem)
+            told = f"the electrode of terminal {whose} does not reach the end {contact!r}"
+            raise ValueAt(where, told)
     found = System(replace(problem, constraints=map_, _forms={}), Timings())
     system.expand(system.q)
     map_.restrict(problem.spaces.w, found.q, system.map.port_values(system.q))

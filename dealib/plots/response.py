@@ -21,12 +21,20 @@ def draw_bode(table: Any, title: str, look: Theme) -> Any:
         look: Colours.
     """
     f, columns = table["frequency_Hz"], list(map(str, table))
-    moved = [k for k, name in enumerate(columns) if "_per_kV" in name and name[:7] != "current"]
-    moved = [k for k in moved if not columns[k].startswith("charge")]
-    moved = moved or [k for k, name in enumerate(columns) if name.startswith("charge_uC")]
-    electric = [k for k, name in enumerate(columns) if name.startswith("impedance_Mohm")]
-    figure, axes = plt.subplots(2, 2, figsize=(11, 6.6), sharex=True, layout="constrained")
-    for (upper, lower), chosen in zip(axes.T, (moved, electric), strict=True):
+    stems = [
+        ("_mm_per_kV", "_N_per_kV", "_Nmm_per_kV", "_deg_per_kV", "_mm3_per_kV", "charge_uC"),
+        ("impedance_Mohm",),
+        ("sound_pressure",),
+    ]
+    panels = [
+        next((k for k in ([j for j, n in enumerate(columns) if s in n] for s in of) if k), [])
+        for of in stems
+    ]
+    panels = [chosen for chosen in panels if chosen]
+    figure, axes = plt.subplots(
+        2, len(panels), figsize=(5.5 * len(panels), 6.6), sharex=True, layout="constrained"
+    )
+    for (upper, lower), chosen in zip(axes.T, panels, strict=True):
         for n, k in enumerate(chosen):  # its phase is the next column
             style = {"color": f"C{n % len(look.lines)}", "ls": DASHES[n // len(look.lines) % 4]}
             upper.loglog(f, table[columns[k]], label=label(columns[k]), **style)
@@ -40,7 +48,9 @@ def draw_bode(table: Any, title: str, look: Theme) -> Any:
 
 
 def draw_nyquist(table: Any, circuit: Circuit, title: str, look: Theme) -> Any:
-    """What moves, and the impedance with that of its circuit, each in its complex plane.
+    """The capacitance Y/(i omega) = C' - i C'' with that of its circuit, and what moves.
+
+    Each is a curve in its complex plane, which goes around a circle at a resonance.
 
     Args:
         table: Of `response.csv`.
@@ -49,15 +59,15 @@ def draw_nyquist(table: Any, circuit: Circuit, title: str, look: Theme) -> Any:
         look: Colours.
     """
     f, columns = table["frequency_Hz"].to_numpy(), list(map(str, table))
-    Z, fitted = impedance(table), circuit.impedance(f) / 1e6
+    capacitances = (
+        1e6 / (2j * np.pi * f * Z) for Z in (impedance(table), circuit.impedance(f) / 1e6)
+    )
     moved = [k for k, name in enumerate(columns) if "_mm_per_kV" in name]
     figure, axes = plt.subplots(1, 1 + bool(moved), figsize=(11, 4.8), layout="constrained")
     axis, *others = np.ravel(axes)
-    axis.plot(Z.real, -Z.imag, ".-", ms=4, label="impedance")
-    axis.plot(fitted.real, -fitted.imag, "--", label="circuit")
-    wide = 1.1 * max(Z.real.max(), 0.02 * np.abs(Z.imag).min())
-    axis.set(xlabel="Resistance (Mohm)", ylabel="−Reactance (Mohm)", xlim=(0, wide))
-    axis.set_ylim(max(-wide, 1.1 * min(-Z.imag.max(), 0)), 2 * wide)
+    for C, style, told in zip(capacitances, (".-", "--"), ("computed", "circuit"), strict=True):
+        axis.plot(C.real, -C.imag, style, ms=4, label=told)
+    axis.set(xlabel="Capacitance C' (pF)", ylabel="Loss C'' (pF)")
     axis.legend()
     for other in others:
         for n, k in enumerate(moved):

@@ -18,6 +18,7 @@ from dealib.program.engine import Engine
 from dealib.program.history import State
 from dealib.program.modes import ends_program
 from dealib.program.run import ports_told
+from dealib.results import sound
 
 log = logging.getLogger(__name__)
 
@@ -69,6 +70,7 @@ class Spectrum:
         terminal: Name of the terminal that is driven.
         hertz: Frequencies.
         driver: In series with it.
+        distance: Of the point on the axis at which sound is heard, mm; none: it is not asked for.
         rows: Of `response.csv`, a frequency each.
     """
 
@@ -76,6 +78,7 @@ class Spectrum:
     terminal: str
     hertz: Any
     driver: Driver = Driver()
+    distance: float | None = None
     rows: list[dict[str, float]] = field(default_factory=list)
 
     def __call__(self, state: State) -> State:
@@ -89,11 +92,14 @@ class Spectrum:
                 _tell_relaxed(of, state.row)
             response = Response(of.newton, of.viscosity, self.terminal)
             probes = _Linear(of, response)
-            self.rows = [self._row(of, change, probes) for change in response.at(self.hertz)]
+            face = None if self.distance is None else _Face(of, response)
+            self.rows = [self._row(of, change, probes, face) for change in response.at(self.hertz)]
             of.newton.system.residual(of.newton.system.q, of.newton.system.residual_vector)
         return state
 
-    def _row(self, of: Engine, change: Change, probes: _Linear) -> dict[str, float]:
+    def _row(
+        self, of: Engine, change: Change, probes: _Linear, face: _Face | None
+    ) -> dict[str, float]:
         omega, device = 2 * np.pi * change.frequency, of.problem.device
         charge = -change.duals[self.terminal]  # uC a kV
         inner = 1 / (1j * omega * charge)  # Gohm
@@ -122,6 +128,10 @@ class Spectrum:
         row |= _polar(f"impedance_Mohm{suffix}", f"impedance_phase_deg{suffix}", 1e3 * impedance)
         row[f"parallel_capacitance_pF{suffix}"] = 1e3 * admittance.imag / omega
         row[f"loss_tangent{suffix}"] = admittance.real / admittance.imag
+        if face is not None and self.distance is not None:
+            heard, power = face.sound(change, self.distance)
+            row |= _polar("sound_pressure_Pa_per_kV", "sound_phase_deg", 1e6 * heard * share)
+            row["sound_power_mW_per_kV2"] = power * abs(share) ** 2
         return row
 
 
@@ -145,6 +155,53 @@ class _Linear:
             found.append([self._probes.measure(name, None) for name in self._names])
         for k, name in enumerate(self._names):
             yield name, complex(found[0][k], found[1][k])
+
+
+class _Face:
+    """The upper face of a flat body of revolution, which sends sound from a baffle.
+
+    Of a dome z(r) the displaced volume is that of a flat face that moves by u_z - u_r dz/dr. A
+    plate within it moves as its edge does.
+
+    Raises:
+        ConfigError: If the device is none.
+    """
+
+    def __init__(self, of: Engine, response: Response) -> None:
+        laminate = of.problem.device.laminate
+        flat = laminate is not None and laminate.base.along == "R"
+        if not (flat and of.problem.kinematics.revolved):
+            raise ConfigError("sound: only of a disc or an annulus, solved around its axis")
+        self._of, self._system = of, response.system
+        self._system.expand(self._system.q)
+        mesh, nodal = of.layout.mesh, of.layout.gather()
+        if mesh is None or nodal is None:
+            return
+        air = [k for k, name in enumerate(mesh.names) if of.problem.device.region(name).air]
+        nodes = np.unique(mesh.cells[~np.isin(mesh.region, air)])
+        order = nodes[np.lexsort((-mesh.points[nodes, 1], mesh.points[nodes, 0].round(9)))]
+        _, first = np.unique(mesh.points[order, 0].round(9), return_index=True)
+        self._top = order[first]
+        self._r, z = (mesh.points[self._top] + nodal[self._top, :2]).T
+        self._slope = np.gradient(z, self._r)
+
+    def sound(self, change: Change, distance: float) -> tuple[complex, float]:
+        """Pressure on the axis, MPa, and radiated power, mW (collective)."""
+        of, system, omega = self._of, self._system, 2 * np.pi * change.frequency
+        found: list[Any] = []
+        for vector in change.vectors:
+            system.map.expand(vector, of.problem.spaces.w, system.values)
+            nodal = of.layout.gather()
+            found.append(None if nodal is None else nodal[self._top, :2])
+        heard = 0j, 0.0
+        if of.layout.mesh is not None:
+            u = found[0] + 1j * found[1]
+            speed = 1j * omega * (u[:, 1] - u[:, 0] * self._slope)
+            heard = (
+                sound.on_axis(self._r, speed, omega, distance),
+                sound.power(self._r, speed, omega),
+            )
+        return of.comm.bcast(heard, root=0)
 
 
 def _polar(name: str, phase: str, value: complex) -> dict[str, float]:
