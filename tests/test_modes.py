@@ -427,6 +427,15 @@ def test_the_command_writes_what_it_finds(small, tmp_path):
         assert line in done.output
     film = command("animate", out, "--field", "mode2", "--seconds", "0.5", "--out", out / "a.gif")
     assert film.exit_code == 0, film.output + repr(film.exception)
+    whole = (out / "modes.csv").read_text()
+    for damaged in ("", "stage,step\n1,2\n", whole.replace("frequency_Hz", "f"), "\0\xff\n"):
+        (out / "modes.csv").write_text(damaged)
+        lost = command("animate", out, "--field", "mode", "--out", out / "b.gif")
+        assert isinstance(lost.exception, ConfigError)
+        assert "modes.csv: damaged" in str(lost.exception)
+    (out / "modes.csv").write_text(whole)
+    lost = command("animate", out, "--field", "mode9", "--out", out / "b.gif")
+    assert "has no mode9: mode, mode2, mode3" in str(lost.exception)
     # never overwritten unless asked
     again = command(*given)
     assert isinstance(again.exception, ConfigError)

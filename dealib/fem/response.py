@@ -29,7 +29,7 @@ from dealib.fem import conduction
 from dealib.fem.linear import fixed_tangent, set_options
 from dealib.fem.newton import Newton
 from dealib.fem.reduction import Complex, solve_all
-from dealib.fem.system import PortLaw, System
+from dealib.fem.vibrations import switched
 from dealib.fem.viscous import Viscosity
 
 Array = npt.NDArray[np.float64]
@@ -74,7 +74,8 @@ class Response:
         config = system.problem.config
         conducts = config.sensing.sheet_resistance is not None
         self.system = conduction.resolved(system) if conducts else system
-        with _free(self.system, terminal):
+        self.system.residual(self.system.q, self.system.residual_vector)
+        with switched(self.system, terminal, opened=True):
             self._assemble(viscosity, conducts)
 
     def _assemble(self, viscosity: Viscosity | None, conducts: bool) -> None:
@@ -220,18 +221,6 @@ class Pairs:
         for part, k in zip(parts, (0, 1), strict=True):
             part.array[:] = x.array_r[k::2]
         return parts
-
-
-@contextmanager
-def _free(system: System, terminal: str) -> Iterator[None]:
-    """Let a terminal take any voltage at the charge that it has, for a while."""
-    system.residual(system.q, system.residual_vector)
-    law = system.ports[terminal]
-    system.ports[terminal] = PortLaw(load=system.internal[terminal])
-    try:
-        yield
-    finally:
-        system.ports[terminal] = law
 
 
 def _relaxed(viscosity: Viscosity | None) -> AbstractContextManager[None]:

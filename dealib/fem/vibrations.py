@@ -71,7 +71,7 @@ def _vibrations(newton: Newton, count: int, circuits: bool) -> Vibrations:
     terminals = system.problem.device.of(TERMINAL) if circuits else ()
     for port in (p for p in terminals if not p.floating):
         short = system.ports[port.name].value is not None
-        with _switched(system, port.name):
+        with switched(system, port.name, opened=short):
             # what is heavy is not the port, and the state is the same
             other = lowest(fixed_tangent(system), mass, newton.concave, count + _MORE)
         same = _again(modes, other, mass, system)
@@ -102,12 +102,17 @@ def port_changes(
 
 
 @contextmanager
-def _switched(system: System, terminal: str) -> Iterator[None]:
-    """Open a terminal whose voltage is held, or hold that of another one, for a while."""
+def switched(system: System, terminal: str, opened: bool) -> Iterator[None]:
+    """Hold the charge of a terminal, or its voltage, in small changes of the state, for a while.
+
+    Args:
+        system: The system, at its last residual.
+        terminal: Name of the terminal.
+        opened: Whether the charge is held.
+    """
     law = system.ports[terminal]
-    value, charge = system.values[terminal], system.internal[terminal]
-    other = PortLaw(load=charge) if law.value is not None else PortLaw(value=value)
-    system.ports[terminal] = other
+    charge, value = system.internal[terminal], system.values[terminal]
+    system.ports[terminal] = PortLaw(load=charge) if opened else PortLaw(value=value)
     try:
         yield
     finally:

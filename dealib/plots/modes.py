@@ -101,7 +101,7 @@ def _frequencies(run: Run, step: int) -> dict[str, str]:
     """What is told of each mode of a step: 'mode 2: 61.8 Hz'."""
     if not (run.directory / spectra.MODES).is_file():
         return {}
-    table = spectra.read(run.directory / spectra.MODES)
+    table = spectra.read(run.directory / spectra.MODES, "step", "mode", "frequency_Hz")
     found = {}
     for _, row in table[table["step"] == step].iterrows():
         n, f = int(row["mode"]), float(row["frequency_Hz"])

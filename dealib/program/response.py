@@ -52,7 +52,9 @@ def terminal_of(config: Config, name: str | None) -> Port:
         ConfigError: If there is none.
     """
     known = {port.name: port for port in config.device.of(TERMINAL) if not port.floating}
-    if name is None and known:
+    if not known:
+        raise ConfigError("the device has no terminal to drive")
+    if name is None:
         return next(iter(known.values()))
     if name not in known:
         raise ConfigError(

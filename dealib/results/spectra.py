@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, first_line
 from dealib.files import write_text
 from dealib.results import store
 from dealib.results.history import STAGE
@@ -36,8 +36,12 @@ def write(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     write_text(path, text.getvalue())
 
 
-def read(path: Path) -> pandas.DataFrame:
-    """Read such a file.
+def read(path: Path, *needed: str) -> pandas.DataFrame:
+    """Read such a file, of numbers but for the stages' names.
+
+    Args:
+        path: The file.
+        needed: Columns that it must have.
 
     Raises:
         ConfigError: If it is missing or damaged.
@@ -45,11 +49,16 @@ def read(path: Path) -> pandas.DataFrame:
     import pandas as pd
 
     try:
-        return pd.read_csv(path, dtype={STAGE: str}, float_precision="round_trip")
+        found = pd.read_csv(path, dtype={STAGE: str}, float_precision="round_trip")
+        numbers = found.drop(columns=STAGE, errors="ignore").select_dtypes("number")
+        numbers = numbers.dropna(axis="columns")
+        if lacking := [name for name in needed if name not in numbers]:
+            raise ValueError(f"without numbers in the column {lacking[0]}")
     except FileNotFoundError:
         raise ConfigError(f"{path}: missing") from None
-    except ValueError as error:
-        raise ConfigError(f"{path}: damaged ({error})") from None
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{path}: damaged ({first_line(error)})") from None
+    return found
 
 
 def write_shapes(run: Run) -> None:
