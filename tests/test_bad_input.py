@@ -61,8 +61,8 @@ EDITS = [
       "16:3: materials.electrode.bulk_modulus: this key is missing: bulk modulus kappa; such as "
       "'1 MPa'",
       "18:5: materials.electrode.c10: unknown key; known: library, relative_permittivity, "
-      "prestretch, mounted, branches, mullins, permanent_set, youngs_modulus, law, shear_modulus, "
-      "bulk_modulus"], "c10:"),
+      "density, prestretch, mounted, branches, mullins, permanent_set, youngs_modulus, law, "
+      "shear_modulus, bulk_modulus"], "c10:"),
     ("missing key", "  outer_radius: 12 mm\n", "",
      "2:1: geometry.outer_radius: this key is missing: inner radius of the rigid frame; such as "
      "'30 um'", "geometry:"),
@@ -495,7 +495,8 @@ def test_bad_override(dealib, tmp_path, assignment, expected):
     said = "\n".join(f"--set {assignment}: {e}" for e in expected)
     code, out, err = dealib("check", path, "--set", assignment)
     known = (
-        "library, relative_permittivity, density, prestretch, mounted, branches, mullins, permanent_set, "
+        "library, relative_permittivity, density, prestretch, mounted, branches, mullins, "
+        "permanent_set, "
     )
     assert (code, out) == (2, "")
     assert err == f"dealib: {said}\n".replace("KEYS", known + keys)

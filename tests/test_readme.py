@@ -31,6 +31,9 @@ COMMANDS = [
 CHEAP = {  # no suite within the suite, no more processes than there are, a short film
     "./test": "./test --version",
     ".venv/bin/dealib animate runs/deap100": ".venv/bin/dealib animate runs/deap100 --seconds 0.5",
+    ".venv/bin/dealib animate runs/resonance-modes --field mode2": (
+        ".venv/bin/dealib animate runs/resonance-modes --field mode2 --seconds 0.5"
+    ),
     ".venv/bin/dealib sweep configs/my_study.yaml -j 8": (
         ".venv/bin/dealib sweep configs/my_study.yaml -j 2"
     ),

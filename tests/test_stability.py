@@ -178,7 +178,7 @@ def test_the_softest_modes_of_a_taut_film(volts):
     for state in run:
         assert state.row["unstable_modes"] == 0
     tension = G * (stretch**2 - stretch**-4) * H - EPSILON * volts**2 / H
-    found = run.engine.newton.softest_modes(4).stiffness
+    found = run.engine.newton.softest_modes(4).values
     assert found == pytest.approx(np.pi**2 * tension * np.array([2, 5, 5, 8]), rel=0.002)
     assert state.row["softest_mode_N_per_mm"] == pytest.approx(found[0], rel=1e-6)
 
@@ -202,8 +202,8 @@ def test_a_film_under_tension_wrinkles_where_that_ends():
     assert rows[k]["unstable_modes"] > 10
     newton = run.engine.newton
     modes, negative = newton.softest_modes(rows[k]["unstable_modes"] + 2), newton.unstable_modes()
-    assert (modes.stiffness < 0).sum() == negative == rows[k]["unstable_modes"]
-    assert modes.stiffness[0] == pytest.approx(rows[k]["softest_mode_N_per_mm"], rel=1e-6)
+    assert (modes.values < 0).sum() == negative == rows[k]["unstable_modes"]
+    assert modes.values[0] == pytest.approx(rows[k]["softest_mode_N_per_mm"], rel=1e-6)
 
 
 def test_each_mode_that_gets_unstable_is_counted():
@@ -214,7 +214,7 @@ def test_each_mode_that_gets_unstable_is_counted():
     states = [(s.row["unstable_modes"], s.lost) for s in run]
     assert states == [(0, False), (0, False), (2, True)]
     modes = run.engine.newton.softest_modes(3)
-    assert modes.stiffness[0] < modes.stiffness[1] < 0 < modes.stiffness[2]
+    assert modes.values[0] < modes.values[1] < 0 < modes.values[2]
 
 
 def test_numbers_are_interpolated_where_the_stiffness_falls():

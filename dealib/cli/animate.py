@@ -8,6 +8,7 @@ from pathlib import Path
 from dealib.cli.plot import default
 from dealib.results.reader import Run
 
+_PERIOD = 2.0  # s, of a mode
 _RATES = {".mp4": 20, ".gif": 10}  # pictures a second
 
 
@@ -25,7 +26,8 @@ def animate(
         ConfigError: If the field or the file name will not do, or too few steps are stored.
     """
     run = Run(directory)
-    from dealib.plots import animation, style
+    from dealib.plots import animation, modes, style
+    from dealib.plots.shape import step_of
     from dealib.results.quantities import quantity
 
     whats = [quantity(name, run.config.device.kinematics) for name in fields] or animation.usual(
@@ -37,5 +39,10 @@ def animate(
     rate = _RATES[target.suffix.lower()]
     with style.theme(dark) as look:
         count = max(2, round(rate * seconds))
-        animation.write(animation.frames(run, whats, look, count), target, rate)
+        if any(w.is_mode for w in whats):
+            names, periods = [w.field for w in whats], max(1, round(seconds / _PERIOD))
+            images = modes.frames(run, step_of(run, whats[0]), look, names, count, periods)
+        else:
+            images = animation.frames(run, whats, look, count)
+        animation.write(images, target, rate)
     return target

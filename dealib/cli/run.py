@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 from mpi4py import MPI
@@ -16,7 +17,7 @@ from dealib.config.case import Case
 from dealib.config.size import refuse_full_disk, size
 from dealib.errors import ConfigError, Interrupted, NotConverged
 from dealib.log import verbose
-from dealib.program import Observer, Simulation, simulate
+from dealib.program import Observer, Simulation, State, simulate
 from dealib.results.beside import Beside
 from dealib.results.reader import Run
 from dealib.units import counted
@@ -56,8 +57,9 @@ def solve(
     directory: Path,
     *,
     overwrite: bool,
-    resume: bool,
+    resume: bool = False,
     beside: Beside | None = None,
+    look: Callable[[State], State] | None = None,
 ) -> Run:
     """Run a case into a directory, with its progress.
 
@@ -76,6 +78,7 @@ def solve(
             resume=resume,
             observers=observers,
             beside=beside,
+            look=look,
             comm=comm,
             argv=sys.argv,
             started=STARTED,

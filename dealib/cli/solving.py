@@ -57,6 +57,83 @@ def run(
 
 
 @app.command()
+def modes(
+    config: ConfigFile,
+    count: Annotated[int, typer.Option(min=1, max=50, help="how many modes, from the lowest")] = 8,
+    at: Annotated[
+        list[str] | None,
+        typer.Option(metavar="STAGE", help="at the end of this stage; repeat for more; the last"),
+    ] = None,
+    along: Annotated[
+        str | None,
+        typer.Option(metavar="STAGE", help="frequencies at each state of this stage, too"),
+    ] = None,
+    set: Set = None,
+    out: Annotated[Path | None, typer.Option(help="directory; default RUN-modes")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier ones")] = False,
+    mpi: Annotated[int, typer.Option(min=1, help="number of MPI ranks")] = 1,
+) -> None:
+    """Natural frequencies and shapes about the states at the ends of stages.
+
+    Ports that are driven by their value are held; loaded ones are free, with what hangs on them;
+    terminals with a given charge are open. A mode that grows has a negative frequency: minus its
+    growth rate over 2 pi. `dealib animate RUN-modes --field mode2` lets a mode swing.
+    """
+    from dealib.config import load
+
+    case = load(config, set)
+    if mpi > 1:
+        from dealib.cli.mpi import launch
+
+        launch(mpi)
+    from dealib.cli.modes import find_modes
+
+    find_modes(case, at or [], along, count, out, overwrite)
+
+
+@app.command()
+def respond(
+    config: ConfigFile,
+    low: Annotated[str, typer.Option("--from", metavar="FREQUENCY", help="such as 1 Hz")],
+    high: Annotated[str, typer.Option("--to", metavar="FREQUENCY", help="such as 1 kHz")],
+    points: Annotated[int, typer.Option(min=2, max=10_000, help="at equal ratios")] = 100,
+    of: Annotated[
+        str | None, typer.Option(metavar="TERMINAL", help="that is driven; default the first one")
+    ] = None,
+    at: Annotated[
+        str | None, typer.Option(metavar="STAGE", help="at the end of this stage; default the last")
+    ] = None,
+    series_resistance: Annotated[str, typer.Option(metavar="R", help="of the driver")] = "0 ohm",
+    series_inductance: Annotated[str, typer.Option(metavar="L", help="of the driver")] = "0 H",
+    sound_at: Annotated[
+        str | None,
+        typer.Option(metavar="DISTANCE", help="on the axis of a disc or annulus in a baffle"),
+    ] = None,
+    set: Set = None,
+    out: Annotated[Path | None, typer.Option(help="directory; default RUN-response")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier one")] = False,
+    mpi: Annotated[int, typer.Option(min=1, help="number of MPI ranks")] = 1,
+) -> None:
+    """Small-signal spectrum about a state: displacement, force, charge, current, impedance.
+
+    A small voltage is added to that of a terminal; the other ports stay driven as they are. Maxwell
+    branches have relaxed before. With sensing.sheet_resistance the electrodes conduct along
+    themselves, from sensing.contact on. An equivalent circuit is fitted to the impedance.
+    """
+    from dealib.config import load
+
+    case = load(config, set)
+    if mpi > 1:
+        from dealib.cli.mpi import launch
+
+        launch(mpi)
+    from dealib.cli.respond import respond as find
+
+    given = (series_resistance, series_inductance)
+    find(case, (low, high), points, of, at, given, sound_at, out, overwrite)
+
+
+@app.command()
 def check(config: ConfigFile, set: Set = None) -> None:
     """Validate a config and estimate its size; nothing is solved or written."""
     from dealib.config import load

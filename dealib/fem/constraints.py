@@ -47,6 +47,7 @@ class ConstraintMap:
         free: Local degrees of freedom of the free unknowns, in order.
         platforms: Rigid mounts, whose degrees of freedom have no column.
         owned: Number of reduced unknowns on this rank; the ports are the last of rank 0.
+        contacted: Parts of which a degree of freedom of the potential on this rank is held.
     """
 
     comm: MPI.Comm
@@ -59,6 +60,7 @@ class ConstraintMap:
     free: Ints
     _port_of: dict[str, Ints]
     platforms: tuple[Platform, ...] = ()
+    contacted: frozenset[str] = frozenset()
 
     def expand(self, q: Any, w: Any, at: dict[str, float] | None = None) -> None:
         """Set the function w = T q, ghosts included.
@@ -123,8 +125,13 @@ class ConstraintMap:
         return PETSc.LGMap().create(rows, comm=self.comm)
 
 
-def build(domain: Domain, spaces: Spaces) -> ConstraintMap:
+def build(domain: Domain, spaces: Spaces, contact: str | None = None) -> ConstraintMap:
     """Number the reduced unknowns of a device (collective).
+
+    Args:
+        domain: The mesh.
+        spaces: The spaces on it.
+        contact: Hold the potential of electrodes on this boundary alone.
 
     Raises:
         ValueAt: If two terminals touch.
@@ -137,8 +144,12 @@ def build(domain: Domain, spaces: Spaces) -> ConstraintMap:
 
     kind = np.full(total, _FREE, dtype=np.int32)
     supports = [s for s in device.supports if s.quantity != PHI or not device.kinematics.sheet]
+    contacted = set()
     for support in supports:
         dofs = _support_dofs(domain, spaces, support)
+        if contact is not None and support.quantity == PHI:
+            dofs = np.intersect1d(dofs, _dofs(spaces.W, (1,), *domain.entities(contact)))
+            contacted |= {support.where} if len(dofs) else set()
         target = _ZERO
         if support.kind == RIGID:
             target = _FIRST_RIGID - rigid.index(support.port)
@@ -195,6 +206,7 @@ def build(domain: Domain, spaces: Spaces) -> ConstraintMap:
             _platform(domain, spaces, name, kind == _FIRST_RIGID - k)
             for k, name in enumerate(rigid)
         ),
+        contacted=frozenset(contacted),
     )
 
 

@@ -5,7 +5,7 @@ It is C_i of each network, and the largest energy so far of a law that softens.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -62,11 +62,11 @@ class Part:
         p = self.prestretch
         return self.volume if p is None else self.volume / float(np.prod(p.value))
 
-    def begin(self, duration: float) -> None:
-        """Prepare a step of the branches."""
+    def begin(self, ratio: Callable[[Branch], float]) -> None:
+        """Prepare a step of the branches, by its duration over each relaxation time."""
         C, internal, _ = self.now
         for k, b, rule in self._rules():
-            self.terms[k] = rule.step(C, internal[k], duration / b.relaxation_time)
+            self.terms[k] = rule.step(C, internal[k], ratio(b))
 
     def reform(self, C: Array) -> None:
         """Prepare a step that ends at a metric, for the network whose clock is the energy."""

@@ -1,9 +1,14 @@
-"""The softest modes of a state: lowest eigenvalues of its tangent, and their shapes.
+"""Lowest eigenvalues of a state's tangent, and their shapes: the softest modes, and vibrations.
 
-Of K u = mu M u, with K the second derivative of the potential and M that of u.u / 2, averaged over
-the mounted volume of what carries stress: mu, in N/mm, is twice the energy that a mode of 1 mm
-(root mean square) takes. M is zero for the potential, the pressure and the ports that no
-displacement follows: the tangent's saddle form eliminates these.
+Of K u = x M u, with K the second derivative of the potential. Two M are of use:
+
+- That of u.u / 2, averaged over the mounted volume of what carries stress: x, in N/mm, is twice the
+  energy that a mode of 1 mm (root mean square) takes. It tells where a device gets unstable.
+- The mass, in t: x, in 1/s^2, is the square of an angular frequency, below zero of the square of a
+  growth rate.
+
+M is zero for the potential, the pressure and the ports that no displacement follows: the tangent's
+saddle form eliminates these.
 """
 
 from __future__ import annotations
@@ -17,41 +22,41 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.fem import petsc as fem_petsc
 
-from dealib.fem.linear import Factor, fixed_tangent
+from dealib.fem.linear import Factor
 from dealib.fem.system import System
 
 Array = npt.NDArray[np.float64]
-_BELOW, _WIDER = 2.0, 4.0  # a first shift below the softest mode, and how it grows
-_TOLERANCE = 1e-8  # relative, of 1 / (mu - shift)
+_BELOW, _WIDER = 2.0, 4.0  # a first shift below the lowest one, and how it grows
+_TOLERANCE = 1e-10  # relative, of 1 / (x - shift)
 
 
 @dataclass(frozen=True)
 class Modes:
-    """The softest modes of a state.
+    """The lowest modes of a state.
 
     Attributes:
         unstable: Number of independent motions that lower the potential.
-        stiffness: mu of each mode, ascending, N/mm.
-        shapes: Reduced vectors, the same on every rank: (modes, unknowns).
+        values: x of each mode, ascending.
+        shapes: Reduced vectors u with u.M u = 1, the same on every rank: (modes, unknowns).
     """
 
     unstable: int
-    stiffness: Array
+    values: Array
     shapes: Array
 
 
-def softest(system: System, concave: int, count: int) -> Modes:
-    """The modes of the current state under the ports' equations (collective).
+def lowest(tangent: Any, mass: Any, concave: int, count: int) -> Modes:
+    """The lowest modes of a tangent (collective).
 
     A shift below the lowest eigenvalue makes that the nearest one. Where there are unstable modes,
     it is found by the factors' number of negative pivots.
 
     Args:
-        system: The system.
+        tangent: K of the reduced unknowns, symmetric (see `fixed_tangent`).
+        mass: M.
         concave: Number of unknowns in which the potential is concave.
         count: How many modes.
     """
-    tangent, mass = fixed_tangent(system), _mass(system)
     factor, shift = Factor(tangent), 0.0
     unstable, neutral = factor.inertia[0] - concave, factor.inertia[1]
     if unstable or neutral:
@@ -59,8 +64,7 @@ def softest(system: System, concave: int, count: int) -> Modes:
         shift = -_BELOW * abs(nearest)
         while (factor := Factor(tangent - shift * mass)).inertia[0] > concave:
             shift *= _WIDER
-    stiffness, shapes = _nearest(factor, mass, shift, count, "LA")
-    return Modes(unstable, stiffness, shapes)
+    return Modes(unstable, *_nearest(factor, mass, shift, count, "LA"))
 
 
 def _nearest(
@@ -94,8 +98,8 @@ def _nearest(
     return values[order], vectors[:, order].T
 
 
-def _mass(system: System) -> Any:
-    """M of the reduced unknowns; prescribed ports have none."""
+def averaged(system: System) -> Any:
+    """M of u.u / 2, averaged over the mounted volume (collective); prescribed ports have none."""
     problem, map_ = system.problem, system.map
     matrix = system.matrix.duplicate(copy=False)
     matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)

@@ -25,7 +25,7 @@ from dealib.fem.linear import (
     set_linear_solver,
     set_options,
 )
-from dealib.fem.modes import Modes, softest
+from dealib.fem.modes import Modes, averaged, lowest
 from dealib.fem.problem import Problem
 from dealib.fem.system import System, Timings
 
@@ -214,14 +214,16 @@ class Newton:
 
     def unstable_modes(self) -> int:
         """Number of independent motions that lower the potential, under the ports' equations."""
-        return self.inertia()[0] - self._concave()
+        return self.inertia()[0] - self.concave
 
     def softest_modes(self, count: int) -> Modes:
-        """See `dealib.fem.modes.softest`, at the current q."""
-        return softest(self.system, self._concave(), count)
+        """Modes of the least energy at the current q, under the ports' equations (collective)."""
+        tangent = fixed_tangent(self.system)
+        return lowest(tangent, averaged(self.system), self.concave, count)
 
-    def _concave(self) -> int:
-        """Number of unknowns in which the potential is concave: phi and the pressure.
+    @property
+    def concave(self) -> int:
+        """Number of unknowns in which the potential is concave: phi, pressure (collective).
 
         Of the tangent's negative eigenvalues each free one accounts for one, and the rest are those
         of the condensed mechanical tangent (Haynsworth, Linear Algebra Appl. 1 (1968) 73).

@@ -326,16 +326,25 @@ class System:
         self.values = moved.predict()
         self.problem.set_values(self.values)
         self.problem.settle()
+        moved.damp(self.stiffness())
+        self.expand(self.q)
+
+    def stiffness(self, fixed: Iterable[str] = ()) -> Any:
+        """Second derivatives of the potential by displacements alone, at the problem's state.
+
+        Args:
+            fixed: Ports that do not move.
+        """
         matrix = self.matrix.copy()
         matrix.zeroEntries()
         self._assemble(matrix)
         matrix.assemble()
         still = [self.map.numbers(f) for f in FIELDS if f != "displacement"]
         others = [p.name for p in self.problem.device.ports if p.kind not in (MOUNT, TURN)]
-        ports = [self.map.ports[name] for name in others] if self.map.comm.rank == 0 else []
+        none = [*others, *fixed] if self.map.comm.rank == 0 else []
+        ports = [self.map.ports[name] for name in none]
         matrix.zeroRowsColumns(np.concatenate([*still, ports]).astype(np.int32), 0.0)
-        moved.damp(matrix)
-        self.expand(self.q)
+        return matrix
 
     def _add_platform(self, matrix: Any, platform: Platform, forms: Iterable[str]) -> None:
         """Add the rows and the columns of a rigid mount.

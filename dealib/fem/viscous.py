@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -15,10 +15,11 @@ from dealib.fem.inner import Part, State
 from dealib.fem.layout import Layout
 from dealib.fem.problem import Problem
 from dealib.materials import evolution
+from dealib.materials.branches import Branch
 from dealib.results import local
 from dealib.results.elements import Array, Cell, determinant
 
-_INSTANT = 1e-12  # s, in which nothing relaxes
+_INSTANT, _LONG = 1e-12, 1e12  # over a relaxation time: nothing relaxes, all does
 
 
 class Viscosity:
@@ -58,7 +59,7 @@ class Viscosity:
             )
             self._parts[group.name] = part = Part(group, rows, points, material, volume)
             if material.mounted == "fresh" and material.branches:
-                part.begin(_INSTANT)
+                part.begin(lambda branch: _INSTANT)
                 self._write(part)
         if any(part.material.permanent_set for part in self._parts.values()):
             problem.reform = self._reform
@@ -80,8 +81,41 @@ class Viscosity:
         self._dt, self._ends = duration, None
         for part in self._parts.values():
             if part.material.branches:
-                part.begin(duration)
+                part.begin(lambda branch: duration / branch.relaxation_time)
                 self._write(part)
+
+    @contextmanager
+    def held(self, stiff: Callable[[Branch], bool]) -> Iterator[None]:
+        """Let some branches keep C_i for a while, and the others relax at once, in small changes.
+
+        The problem's terms are those again afterwards that they were.
+        """
+        values = np.empty(0) if self._terms is None else self._terms.x.array
+        kept, before = values.copy(), [list(part.terms) for part in self._parts.values()]
+        for part in self._parts.values():
+            if part.material.branches:
+                part.begin(lambda branch: _INSTANT if stiff(branch) else _LONG)
+                self._write(part)
+        try:
+            yield
+        finally:
+            values[:] = kept
+            for part, terms in zip(self._parts.values(), before, strict=True):
+                part.terms = terms
+
+    @contextmanager
+    def relaxed(self) -> Iterator[None]:
+        """Let all branches have relaxed in the current state, for a while (collective)."""
+        kept = [(part, part.now) for part in self._parts.values()]
+        for part, C in self._metrics():
+            internal = part.now.internal.copy()
+            internal[: len(part.material.branches)] = C
+            part.now = part.now._replace(C=C, internal=internal)
+        try:
+            yield
+        finally:
+            for part, now in kept:
+                part.now = now
 
     def _reform(self) -> None:
         """Prepare the current step of the networks whose clock is the energy, to this state."""

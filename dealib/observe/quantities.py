@@ -199,7 +199,7 @@ def _power(s: Snapshot) -> float:
 
 
 def _softest(s: Snapshot) -> float:
-    return float(s.modes.stiffness[0])
+    return float(s.modes.values[0])
 
 
 def _of_ports() -> Iterator[Quantity]:

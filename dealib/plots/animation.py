@@ -27,7 +27,7 @@ from dealib.results.summary import drive, moment, motion, under_voltage
 from dealib.units import neat
 
 FORMATS = (".mp4", ".gif")
-_SIZE, _DPI = (12.8, 7.2), 100  # 1280 x 720: H.264 wants even numbers
+SIZE, DPI = (12.8, 7.2), 100  # 1280 x 720: H.264 wants even numbers
 Image = npt.NDArray[np.uint8]
 
 
@@ -72,8 +72,13 @@ def frames(run: Run, whats: Sequence[Quantity], look: Theme, count: int) -> Iter
         when = moment(run, row) if clock == "step" else f"t = {t:.2f} s, {row['stage']}"
         inputs_told = ",  ".join(told).replace("-", "−")
         note.set_text(plain(f"{run.title}     {when}     {inputs_told}"))
-        figure.canvas.draw()
-        yield np.asarray(figure.canvas.buffer_rgba())[..., :3].copy()
+        yield grabbed(figure)
+
+
+def grabbed(figure: Any) -> Image:
+    """A figure as it is now, (height, width, 3)."""
+    figure.canvas.draw()
+    return np.asarray(figure.canvas.buffer_rgba())[..., :3].copy()
 
 
 def _shown(run: Run) -> list[str]:
@@ -96,7 +101,7 @@ def _scene(
     shapes = [Shape(run, step, n=2) for step in _typical(run)]
     moved = np.concatenate([shape.moved(factor) for shape in shapes])
     low, high = moved.min(axis=0), moved.max(axis=0)
-    figure = plt.figure(figsize=_SIZE, dpi=_DPI, layout="constrained")
+    figure = plt.figure(figsize=SIZE, dpi=DPI, layout="constrained")
     halves: Any = figure.subfigures(1, 2, width_ratios=(1.15, 1))
     left, right = halves
     painted: list[Painted | Scene] = []
@@ -145,7 +150,7 @@ def _write_mp4(images: Iterator[Image], path: Path, rate: int) -> None:
     with av.open(str(path), "w") as film:
         stream: Any = film.add_stream("libx264", rate=rate, options={"crf": "20"})
         stream.pix_fmt = "yuv420p"
-        stream.width, stream.height = (round(_DPI * inches) for inches in _SIZE)
+        stream.width, stream.height = (round(DPI * inches) for inches in SIZE)
         for image in images:
             film.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
         film.mux(stream.encode())

@@ -31,6 +31,7 @@ _FREE = ("name", "description", "output.", "solver.", "mesh.file", "tables.")
 _OURS = (
     *("run.json", "run.log", "config.yaml", "config.resolved.yaml", "mesh.msh", "history.csv"),
     *("results.h5", "states", "fields.xdmf", "fields", "checkpoint", "view_in_paraview.py"),
+    *("modes.csv", "modes.xdmf", "frequencies.csv", "response.csv", "circuit.csv"),
     *("plots", "report.html", f"*{TEMPORARY}", f"*{TEMPORARY}.*"),
 )
 _PATIENCE = 20.0  # s, for the writer of a run that was just killed; it needs less

@@ -147,12 +147,15 @@ class Engine:
             for port in self.problem.device.ports
         }
 
-    def mode_shapes(self, modes: Modes) -> Any:
+    def mode_shapes(self, modes: Modes) -> tuple[Any, Any]:
         """Displacements of modes of the present state on rank 0, (modes, nodes, axes) (collective).
 
         The longest displacement of each is 1; its largest component is positive.
+
+        Returns:
+            The displacements, None elsewhere; and what was divided by, (modes,), on all ranks.
         """
-        system, found = self.newton.system, []
+        system, found, scales = self.newton.system, [], []
         for shape in modes.shapes:
             mode = system.q.duplicate()
             mode.array[:] = shape[slice(*mode.getOwnershipRange())]
@@ -160,10 +163,10 @@ class Engine:
             nodal = self.layout.gather()
             if nodal is not None:
                 u = nodal[:, : self.problem.kinematics.dim]
-                u *= np.sign(u.flat[np.abs(u).argmax()])
-                found.append(u / np.linalg.norm(u, axis=1).max())
+                scales.append(np.sign(u.flat[np.abs(u).argmax()]) * np.linalg.norm(u, axis=1).max())
+                found.append(u / scales[-1])
         system.expand(system.q)
-        return np.array(found) if found else None
+        return np.array(found) if found else None, np.array(self.comm.bcast(scales, root=0))
 
     def restore(self, saved: Checkpoint) -> None:
         """Take up a saved state (collective).

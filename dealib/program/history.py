@@ -104,7 +104,7 @@ class History:
         modes, before = None, (p.row or {}).get("unstable_modes", 0)
         lost = of.config.output.modes > 0 and row["unstable_modes"] > before
         if lost:
-            modes = of.mode_shapes(snapshot.modes)
+            modes, _ = of.mode_shapes(snapshot.modes)
         p.step, p.time, p.row, p.ports = p.step + 1, at, row, of.port_pairs()
         keep(p.worst, snapshot.peaks, row, of.problem.kinematics.axes)
         self._stability.see(row, snapshot)

@@ -6,7 +6,7 @@ import logging
 import shlex
 import sys
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -124,6 +124,7 @@ def simulate(
     resume: bool = False,
     observers: Sequence[Observer] = (),
     beside: Beside | None = None,
+    look: Callable[[State], State] | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
     argv: Sequence[str] | None = None,
     started: float | None = None,
@@ -137,6 +138,7 @@ def simulate(
         resume: Go on with an unfinished run; a finished one is left as it is.
         observers: What else sees each state.
         beside: Process that writes; default: states are written in the step itself.
+        look: Looks at each state first, and may add to it what is written.
         comm: MPI communicator.
         argv: Command line to record.
         started: `time.perf_counter()` at which the process began, for the timings.
@@ -177,7 +179,7 @@ def simulate(
             simulation = Simulation(case, comm, mesh_file, saved)
             writer = StepWriter if beside is None else partial(beside.open, lock=lock)
             recorder = Recorder(path, case, writer)
-            session.run(simulation, recorder, observers, signals)
+            session.run(simulation, recorder, observers, signals, look)
     return Run(path)
 
 
@@ -198,6 +200,7 @@ class _Session:
         recorder: Recorder,
         others: Sequence[Observer],
         signals: Signals,
+        look: Callable[[State], State] | None,
     ) -> None:
         """Show every state to every observer."""
         observers: list[Observer] = [recorder, Log(), *others]
@@ -211,7 +214,8 @@ class _Session:
             loop = time.perf_counter()
             signals.defer()
             try:
-                for state in simulation:
+                for found in simulation:
+                    state = found if look is None else look(found)
                     for observer in observers:
                         observer.see(state)
                     if signals.obey():

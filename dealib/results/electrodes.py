@@ -43,9 +43,11 @@ class Rings:
         """
         rho = sheet * (self.along * self.around) ** exponent
         if base.along == "R":
-            with np.errstate(divide="ignore"):
+            with np.errstate(divide="ignore", invalid="ignore"):
                 squares = np.log(self.edges[1:] / self.edges[:-1]) / (2 * np.pi)
-            if self.edges[0] == 0:  # a disc fed at its rim has rho / (8 pi), half of this
+            if (
+                self.edges[0] < 1e-9 * self.edges[-1]
+            ):  # a disc fed at its rim has rho / (8 pi), half of this
                 squares[0] = 1 / (4 * np.pi)
         else:
             squares = np.diff(self.edges) / base.girth

@@ -235,7 +235,7 @@ class StateFile:
 
 
 class FieldFile:
-    """`fields.xdmf`: one grid a step with all fields, one small HDF5 file each.
+    """`fields.xdmf` or another one: a grid a step with all fields, one small HDF5 file each.
 
     Each file is written under a temporary name and then renamed; the XML follows its data.
 
@@ -243,14 +243,18 @@ class FieldFile:
         directory: The run directory.
         mesh: Mesh of the fields.
         keep: Go on after this step; later ones are dropped.
+        name: Of the file; the others beside it have the name of a step, or of a mode.
     """
 
     _HEAD = '<?xml version="1.0" ?>\n<Xdmf Version="3.0"><Domain>\n'
     _HEAD += '<Grid Name="steps" GridType="Collection" CollectionType="Temporal">\n'
     _TAIL = "</Grid>\n</Domain></Xdmf>\n"
 
-    def __init__(self, directory: Path, mesh: ResultMesh, keep: int = -1) -> None:
-        self.path, self.data = directory / FIELDS, directory / FIELD_DATA
+    def __init__(
+        self, directory: Path, mesh: ResultMesh, keep: int = -1, name: str = FIELDS
+    ) -> None:
+        self.path, self.data = directory / name, directory / FIELD_DATA
+        self._stem = "step" if name == FIELDS else self.path.stem
         with guarded(self.data):
             self.data.mkdir(exist_ok=True)
         self.mesh = mesh
@@ -261,7 +265,7 @@ class FieldFile:
 
     def add(self, step: int, time: float, fields: Mapping[str, Array]) -> None:
         """Add a step; times must grow."""
-        name = f"step_{step:05d}.h5"
+        name = f"{self._stem}_{step:05d}.h5"
         self._write(name, fields)
         self._grids.append(self._grid(name, time, fields))
         write_text(self.path, self._HEAD + "".join(self._grids) + self._TAIL)

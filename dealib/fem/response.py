@@ -1,0 +1,246 @@
+"""Small harmonic changes about a state: one solution of a symmetric system a frequency.
+
+With x = Re(X exp(i omega t)) about an equilibrium in which the Maxwell branches have relaxed,
+
+    (A + iB) X = F,  A + iB = K + sum z K_v - omega^2 M + i omega (a M + b K_u) + i/omega G,
+
+where K is the tangent of the relaxed state and K_v what a branch, held at its internal state, adds
+to it; z = i omega tau/(1 + i omega tau), which is exact for small changes. M is the mass, a M +
+b K_u Rayleigh's damping, and G the conductances of resistive electrodes. In real numbers it is
+
+    [[A, -B], [-B, -A]] (Re X, Im X) = (Re F, -Im F),
+
+symmetric, with real and imaginary part of each unknown side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
+from typing import Any
+
+from petsc4py import PETSc
+
+import numpy as np
+import numpy.typing as npt
+
+from dealib.fem import conduction
+from dealib.fem.linear import fixed_tangent, set_options
+from dealib.fem.newton import Newton
+from dealib.fem.reduction import Complex, solve_all
+from dealib.fem.vibrations import switched
+from dealib.fem.viscous import Viscosity
+
+Array = npt.NDArray[np.float64]
+_PREFIX = "dealib_response_"
+_OPTIONS: dict[str, Any] = {
+    "mat_mumps_icntl_7": 5,  # METIS
+    "mat_mumps_icntl_14": 60,  # room for pivoting, per cent
+}
+
+
+@dataclass(frozen=True)
+class Change:
+    """The response to a unit voltage at a terminal, 1 kV, at one frequency.
+
+    Attributes:
+        frequency: Hz.
+        values: Of each port, complex.
+        duals: dPi/dq of each port that is held; of the terminal minus its charge.
+        vectors: Real and imaginary parts of the reduced unknowns, until the next one is asked for.
+    """
+
+    frequency: float
+    values: dict[str, complex]
+    duals: dict[str, complex]
+    vectors: tuple[Any, Any]
+
+
+class Response:
+    """The system at a state, for any frequency.
+
+    Attributes:
+        system: Whose reduced unknowns the changes are of.
+
+    Args:
+        newton: The solver; its state is an equilibrium.
+        viscosity: State of the Maxwell branches, if there are some; they have relaxed.
+        terminal: Name of the terminal that is driven.
+    """
+
+    def __init__(self, newton: Newton, viscosity: Viscosity | None, terminal: str) -> None:
+        system, self._terminal = newton.system, terminal
+        config = system.problem.config
+        conducts = config.sensing.sheet_resistance is not None
+        self.system = conduction.resolved(system) if conducts else system
+        self.system.residual(self.system.q, self.system.residual_vector)
+        with switched(self.system, terminal, opened=True):
+            self._assemble(viscosity, conducts)
+
+    def _assemble(self, viscosity: Viscosity | None, conducts: bool) -> None:
+        system = self.system
+        damping = system.problem.config.damping
+        with _relaxed(viscosity):
+            relaxed = fixed_tangent(system)
+        fixed = [name for name, law in system.ports.items() if law.fixed]
+        self._columns = {name: {"stiffness": system.column(name)} for name in fixed}
+        self._parts = {"stiffness": relaxed, "mass": system.mass()}
+        self._times = sorted(
+            {b.relaxation_time for m in system.problem.config.solids.values() for b in m.branches}
+        )
+        for tau in self._times:
+            assert viscosity is not None
+            with viscosity.held(lambda b, tau=tau: b.relaxation_time == tau):  # type: ignore[misc]
+                stiff = fixed_tangent(system)
+            stiff.axpy(-1.0, relaxed)
+            self._parts[f"branch {tau!r}"] = stiff
+            for name in fixed:
+                column = system.column(name)
+                column.axpy(-1.0, self._columns[name]["stiffness"])
+                self._columns[name][f"branch {tau!r}"] = column
+        if damping.stiffness:
+            with _relaxed(viscosity):
+                system.expand(system.q)
+                self._parts["damping"] = system.stiffness(fixed)
+                system.expand(system.q)
+        if conducts:
+            self._parts["conductance"] = conduction.conductance(system)
+        self._damping = damping
+        self._pairs = Pairs(self._parts)
+
+    def at(self, frequencies: Sequence[float]) -> Iterator[Change]:
+        """The response at some frequencies in order, Hz (collective)."""
+        system = self.system
+        right = system.q.duplicate()
+        right.set(0.0)
+        system.map.set_port(right, self._terminal, 1.0)
+        right.assemble()
+        family = [self._factors(2 * np.pi * hertz) for hertz in frequencies]
+        vectors = right.duplicate(), right.duplicate()
+
+        def split(x: Complex) -> tuple[Any, Any]:
+            for vector, part in zip(vectors, (x.real, x.imag), strict=True):
+                vector.array[:] = part
+            return vectors
+
+        def look(x: Complex) -> Complex:
+            one, other = (system.map.port_values(part) for part in split(x))
+            return np.array([complex(one[name], other[name]) for name in one])
+
+        found = solve_all(self._parts, right, family, lambda f: self._pairs.solve(f, right), look)
+        for hertz, factors, x in zip(frequencies, family, found, strict=True):
+            parts = split(x)
+            one, other = (system.map.port_values(part) for part in parts)
+            values = {name: complex(one[name], other[name]) for name in one}
+            volts = values[self._terminal]
+            duals = {self._terminal: 1 / volts}
+            for name, columns in self._columns.items():
+                duals[name] = sum(
+                    factors[key] * complex(*(column.dot(part) for part in parts)) / volts
+                    for key, column in columns.items()
+                )
+            split(x / volts)
+            yield Change(hertz, {n: v / volts for n, v in values.items()}, duals, vectors)
+
+    def _factors(self, omega: float) -> dict[str, complex]:
+        """What each part is multiplied with."""
+        found: dict[str, complex] = {
+            "stiffness": 1.0,
+            "mass": -(omega**2) + 1j * omega * self._damping.mass,
+            "damping": 1j * omega * self._damping.stiffness,
+            "conductance": 1j / omega,
+        }
+        for tau in self._times:
+            turn = 1j * omega * tau
+            found[f"branch {tau!r}"] = turn / (1 + turn)
+        return found
+
+
+class Pairs:
+    """Sums of real matrices with complex factors, as symmetric ones of pairs of real numbers.
+
+    Args:
+        parts: The matrices, by name; rows of prescribed unknowns are those of the identity in one
+            of them, and zero in the others.
+    """
+
+    def __init__(self, parts: dict[str, Any]) -> None:
+        first = next(iter(parts.values()))
+        self._comm, start_end = first.comm, first.getOwnershipRange()
+        self._start, size = start_end[0], first.getSize()[0]
+        rows = start_end[1] - start_end[0]
+        keys = {}
+        for name, part in parts.items():
+            indptr, columns, values = part.getValuesCSR()
+            row = np.repeat(np.arange(rows, dtype=np.int64), np.diff(indptr))
+            keys[name] = (row * size + columns, values)
+        diagonal = np.arange(rows, dtype=np.int64) * size + self._start + np.arange(rows)
+        union = np.unique(np.concatenate([diagonal, *(key for key, _ in keys.values())]))
+        self._values = {}
+        for name, (key, values) in keys.items():
+            self._values[name] = np.zeros(len(union))
+            self._values[name][np.searchsorted(union, key)] = values
+        row, columns = union // size, union % size
+        counts = np.bincount(row, minlength=rows)
+        self._indptr = np.concatenate([[0], np.cumsum(np.repeat(2 * counts, 2))]).astype(np.int32)
+        # row i becomes 2i: A, -B, A, -B, ..., and 2i + 1: -B, -A, ...
+        place = np.arange(len(union)) - (np.cumsum(counts) - counts)[row]
+        upper = 4 * (np.cumsum(counts) - counts)[row] + 2 * place
+        self._upper, self._lower = upper, upper + 2 * counts[row]
+        indices = np.empty(4 * len(union), dtype=np.int32)
+        for at in (self._upper, self._lower):
+            indices[at], indices[at + 1] = 2 * columns, 2 * columns + 1
+        self._data = np.zeros(4 * len(union))
+        self._matrix = PETSc.Mat().createAIJ(
+            ((2 * rows, 2 * size), (2 * rows, 2 * size)),
+            csr=(self._indptr, indices, self._data),
+            comm=self._comm,
+        )
+        self._indices, self._solver = indices, PETSc.KSP().create(self._comm)
+        set_options(_PREFIX, _OPTIONS)
+        self._solver.setOptionsPrefix(_PREFIX)
+        self._solver.setType("preonly")
+        self._solver.getPC().setType("cholesky")
+        self._solver.getPC().setFactorSolverType("mumps")
+        self._solver.setFromOptions()
+
+    def solve(self, factors: dict[str, complex], right: Any) -> tuple[Any, Any]:
+        """Real and imaginary part of the solution for a real right-hand side (collective)."""
+        data, up, low = self._data, self._upper, self._lower
+        A = sum(complex(factors[name]).real * values for name, values in self._values.items())
+        B = sum(complex(factors[name]).imag * values for name, values in self._values.items())
+        data[up], data[up + 1], data[low], data[low + 1] = A, -B, -B, -A
+        self._matrix.setValuesCSR(self._indptr, self._indices, data)
+        self._matrix.assemble()
+        self._solver.setOperators(self._matrix)
+        x, f = self._matrix.createVecs()
+        f.array[0::2] = right.array_r
+        self._solver.solve(f, x)
+        parts = right.duplicate(), right.duplicate()
+        for part, k in zip(parts, (0, 1), strict=True):
+            part.array[:] = x.array_r[k::2]
+        return parts
+
+
+def _relaxed(viscosity: Viscosity | None) -> AbstractContextManager[None]:
+    """A context in which branches follow at once."""
+    return nullcontext() if viscosity is None else viscosity.held(lambda branch: False)
+
+
+@contextmanager
+def relaxed_state(newton: Newton, viscosity: Viscosity | None) -> Iterator[None]:
+    """Be at the equilibrium in which the branches have relaxed, for a while (collective)."""
+    if viscosity is None:
+        yield
+        return
+    system, kept = newton.system, newton.system.q.copy()
+    try:
+        with _relaxed(viscosity):
+            newton.solve()
+        system.expand(system.q)
+        with viscosity.relaxed():
+            yield
+    finally:
+        kept.copy(system.q)
+        system.residual(system.q, system.residual_vector)

@@ -1,0 +1,142 @@
+"""Free vibrations about a state, with what the ports do in them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dealib.device.records import TERMINAL
+from dealib.fem.linear import fixed_tangent
+from dealib.fem.modes import Modes, lowest
+from dealib.fem.newton import Newton
+from dealib.fem.system import PortLaw, System
+from dealib.fem.viscous import Viscosity
+
+Array = npt.NDArray[np.float64]
+_MORE = 2  # modes that are found beyond those asked for, to find these among
+_ALIKE = 0.5  # share of the kinetic energy in which two modes are taken for the same
+
+
+@dataclass(frozen=True)
+class Vibrations:
+    """Free vibrations about a state.
+
+    Attributes:
+        modes: Squares of the angular frequencies, 1/s^2, and the shapes, of unit mass (1 t).
+        values: Of each port, by mode, in the shapes.
+        duals: Their duals, likewise: dPi/dq.
+        circuits: Of each terminal that is connected the same squares where it is open and where
+            its voltage is held, (2, modes); NaN where a mode is not found again.
+    """
+
+    modes: Modes
+    values: dict[str, Array]
+    duals: dict[str, Array]
+    circuits: dict[str, Array]
+
+
+def vibrations(
+    newton: Newton, viscosity: Viscosity | None, count: int, circuits: bool = True
+) -> Vibrations:
+    """Vibrations under the ports' equations at the current q (collective).
+
+    Maxwell branches do not relax within a period.
+
+    Args:
+        newton: The solver.
+        viscosity: State of the branches, if there are some.
+        count: How many modes.
+        circuits: Whether to find the modes with each terminal open and closed, too.
+    """
+    with nullcontext() if viscosity is None else viscosity.held(lambda branch: True):
+        return _vibrations(newton, count, circuits)
+
+
+def _vibrations(newton: Newton, count: int, circuits: bool) -> Vibrations:
+    system = newton.system
+    tangent = fixed_tangent(system)
+    mass = system.mass()
+    modes = lowest(tangent, mass, newton.concave, count)
+    changes = [port_changes(system, tangent, x) for x in _vectors(system, modes.shapes)]
+    values, duals = (
+        {name: np.array([change[k][name] for change in changes]) for name in system.ports}
+        for k in range(2)
+    )
+    found: dict[str, Array] = {}
+    terminals = system.problem.device.of(TERMINAL) if circuits else ()
+    for port in (p for p in terminals if not p.floating):
+        short = system.ports[port.name].value is not None
+        with switched(system, port.name, opened=short):
+            # what is heavy is not the port, and the state is the same
+            other = lowest(fixed_tangent(system), mass, newton.concave, count + _MORE)
+        same = _again(modes, other, mass, system)
+        both = (same, modes.values) if short else (modes.values, same)
+        found[port.name] = np.array(both)
+    return Vibrations(modes, values, duals, found)
+
+
+def port_changes(
+    system: System, tangent: Any, change: Any
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Change of the ports' values in a change of q, and of their duals dPi/dq (collective).
+
+    Args:
+        system: The system, whose last tangent this is.
+        tangent: The same after `fixed_tangent`.
+        change: Of the reduced unknowns.
+    """
+    out = change.duplicate()
+    tangent.mult(change, out)
+    values, rows = system.map.port_values(change), system.map.port_values(out)
+    for name, law in system.ports.items():
+        if law.fixed:
+            rows[name] = system.column(name).dot(change)
+        else:
+            rows[name] += law.balance(system.values[name])[1] * values[name]
+    return values, rows
+
+
+@contextmanager
+def switched(system: System, terminal: str, opened: bool) -> Iterator[None]:
+    """Hold the charge of a terminal, or its voltage, in small changes of the state, for a while.
+
+    Args:
+        system: The system, at its last residual.
+        terminal: Name of the terminal.
+        opened: Whether the charge is held.
+    """
+    law = system.ports[terminal]
+    charge, value = system.internal[terminal], system.values[terminal]
+    system.ports[terminal] = PortLaw(load=charge) if opened else PortLaw(value=value)
+    try:
+        yield
+    finally:
+        system.ports[terminal] = law
+
+
+def _again(modes: Modes, other: Modes, mass: Any, system: System) -> Array:
+    """Values of those among other modes that are most like these."""
+    from scipy.optimize import linear_sum_assignment
+
+    heavy = []
+    for shape in _vectors(system, modes.shapes):
+        out = shape.duplicate()
+        mass.mult(shape, out)
+        heavy.append(out)
+    like = np.array([[h.dot(o) ** 2 for o in _vectors(system, other.shapes)] for h in heavy])
+    rows, columns = linear_sum_assignment(-like)
+    return np.where(like[rows, columns] > _ALIKE, other.values[columns], np.nan)
+
+
+def _vectors(system: System, shapes: Array) -> list[Any]:
+    found = []
+    for shape in shapes:
+        vector = system.q.duplicate()
+        vector.array[:] = shape[slice(*vector.getOwnershipRange())]
+        found.append(vector)
+    return found

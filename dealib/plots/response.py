@@ -1,0 +1,87 @@
+"""Bode and Nyquist pictures of a spectrum."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from dealib.plots.labels import label, plain
+from dealib.plots.style import DASHES, Theme
+from dealib.results.circuit import Circuit
+
+
+def draw_bode(table: Any, title: str, look: Theme) -> Any:
+    """Magnitudes and phases over the frequency: of what moves, and of the impedance.
+
+    Args:
+        table: Of `response.csv`.
+        title: Of the picture.
+        look: Colours.
+    """
+    f, columns = table["frequency_Hz"], list(map(str, table))
+    stems = [
+        ("_mm_per_kV", "_N_per_kV", "_Nmm_per_kV", "_deg_per_kV", "_mm3_per_kV", "charge_uC"),
+        ("impedance_Mohm",),
+        ("sound_pressure",),
+    ]
+    panels = [
+        next((k for k in ([j for j, n in enumerate(columns) if s in n] for s in of) if k), [])
+        for of in stems
+    ]
+    panels = [chosen for chosen in panels if chosen]
+    figure, axes = plt.subplots(
+        2, len(panels), figsize=(5.5 * len(panels), 6.6), sharex=True, layout="constrained"
+    )
+    for (upper, lower), chosen in zip(axes.T, panels, strict=True):
+        for n, k in enumerate(chosen):  # its phase is the next column
+            style = {"color": f"C{n % len(look.lines)}", "ls": DASHES[n // len(look.lines) % 4]}
+            upper.loglog(f, table[columns[k]], label=label(columns[k]), **style)
+            lower.semilogx(f, table[columns[k + 1]], **style)
+        upper.set_ylabel(label(columns[chosen[0]]) if len(chosen) == 1 else "")
+        if len(chosen) > 1:
+            upper.legend(fontsize="small")
+        lower.set(xlabel="Frequency (Hz)", ylabel="Phase (deg)")
+    figure.suptitle(plain(title), fontsize="medium")
+    return figure
+
+
+def draw_nyquist(table: Any, circuit: Circuit, title: str, look: Theme) -> Any:
+    """The capacitance Y/(i omega) = C' - i C'' with that of its circuit, and what moves.
+
+    Each is a curve in its complex plane, which goes around a circle at a resonance.
+
+    Args:
+        table: Of `response.csv`.
+        circuit: That was fitted.
+        title: Of the picture.
+        look: Colours.
+    """
+    f, columns = table["frequency_Hz"].to_numpy(), list(map(str, table))
+    capacitances = (
+        1e6 / (2j * np.pi * f * Z) for Z in (impedance(table), circuit.impedance(f) / 1e6)
+    )
+    moved = [k for k, name in enumerate(columns) if "_mm_per_kV" in name]
+    figure, axes = plt.subplots(1, 1 + bool(moved), figsize=(11, 4.8), layout="constrained")
+    axis, *others = np.ravel(axes)
+    for C, style, told in zip(capacitances, (".-", "--"), ("computed", "circuit"), strict=True):
+        axis.plot(C.real, -C.imag, style, ms=4, label=told)
+    axis.set(xlabel="Capacitance C' (pF)", ylabel="Loss C'' (pF)")
+    axis.legend()
+    for other in others:
+        for n, k in enumerate(moved):
+            size, phase = (table[columns[j]].to_numpy() for j in (k, k + 1))
+            value = size * np.exp(1j * np.radians(phase))
+            other.plot(value.real, value.imag, ".-", ms=4, color=f"C{n}", label=label(columns[k]))
+        other.set(xlabel="in phase (mm/kV)", ylabel="in quadrature (mm/kV)", aspect="equal")
+        other.legend(fontsize="small")
+    figure.suptitle(plain(title), fontsize="medium")
+    return figure
+
+
+def impedance(table: Any) -> Any:
+    """Complex impedance, Mohm, of a table of `response.csv`."""
+    (name,) = (n for n in map(str, table) if n.startswith("impedance_Mohm"))
+    phase = name.replace("impedance_Mohm", "impedance_phase_deg")
+    return table[name].to_numpy() * np.exp(1j * np.radians(table[phase].to_numpy()))

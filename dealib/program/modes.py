@@ -1,0 +1,150 @@
+"""Vibrations about states of a program: frequencies, shapes, and what the ports do in them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from dealib.config.case import Case
+from dealib.errors import ConfigError, did_you_mean
+from dealib.fem.vibrations import Vibrations, vibrations
+from dealib.program.engine import Engine
+from dealib.program.history import State
+
+_GRAMS = 1e6  # in a t
+
+
+def at_rest(case: Case, stages: Sequence[str]) -> Case:
+    """The same case to look at states of: every stage through equilibria, its last state stored.
+
+    Args:
+        case: The case.
+        stages: Names of stages that it must have.
+
+    Raises:
+        ConfigError: If a stage or a density is missing, or there is no potential.
+    """
+    config = case.config
+    known = dict.fromkeys(["prestrain", *(stage.stage for stage in config.program)])
+    for name in stages:
+        if name not in known:
+            raise ConfigError(f"{case.path}: there is no stage {name!r}{did_you_mean(name, known)}")
+    if config.physics.coupling != "energy":
+        raise ConfigError(f"{case.path}: vibrations need physics.coupling: energy")
+    with case.blamed():
+        config.check_density()
+    program = tuple(s.model_copy(update={"dynamic": False}) for s in config.program)
+    output = config.output.model_copy(update={"fields": "stage", "modes": 0})
+    return replace(case, config=config.model_copy(update={"program": program, "output": output}))
+
+
+def ends_program(state: State) -> bool:
+    """Whether a state that ends a stage is the program's last one."""
+    progress, program = state.engine.progress, state.engine.config.program
+    last = len(program) - (program[0].stage == "prestrain")
+    return progress.ended or progress.stage == last
+
+
+@dataclass
+class Watch:
+    """Finds the vibrations about states, one after the other (collective).
+
+    Attributes:
+        stages: Look at the ends of these; none: where the program ends.
+        along: Stage at each state of which frequencies are found.
+        count: How many modes.
+        rows: Of `modes.csv`, a mode each.
+        curve: Of `frequencies.csv`, a state each.
+    """
+
+    stages: Sequence[str]
+    along: str | None
+    count: int
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    curve: list[dict[str, Any]] = field(default_factory=list)
+
+    def __call__(self, state: State) -> State:
+        """Look at a state; the shapes at the end of a stage are added to it."""
+        of, row = state.engine, state.row
+        ends = row["stage"] in self.stages if self.stages else ends_program(state)
+        wanted = state.end_of_stage and ends
+        along = row["stage"] == self.along
+        if not (wanted or along):
+            return state
+        count = min(self.count, int(of.newton.system.q.size) - 1)
+        found = vibrations(of.newton, of.viscosity, count, circuits=wanted)
+        if along:
+            self.curve.append(dict(_point(of, row, found)))
+        if not wanted:
+            return state
+        shapes, scales = of.mode_shapes(found.modes)
+        self.rows += _modes(of, row, found, scales)
+        return replace(state, modes=shapes)
+
+    def told(self) -> Iterator[str]:
+        """A line a mode."""
+        for row in self.rows:
+            yield mode_told(row)
+
+    def check(self) -> None:
+        """Raise `ConfigError` if nothing was found: the run ended before."""
+        if not self.rows:
+            names = ", ".join(map(repr, self.stages))
+            raise ConfigError(f"the run ended before the end of {names}: a condition stopped it")
+
+
+def mode_told(row: dict[str, Any]) -> str:
+    """One mode in one line."""
+    f = row["frequency_Hz"]
+    grows = f"  unstable: grows by e in {1 / (-2 * np.pi * f):.3g} s" if f < 0 else ""
+    coupled = [
+        f"  k2{name.removeprefix('coupling_squared')} {value:.4f}"
+        for name, value in row.items()
+        if name.startswith("coupling_squared")
+    ]
+    mass = f"{row['modal_mass_g']:11.5g} g"
+    return f"{row['stage']:<12.12s} mode {row['mode']:2d}  {f:12.6g} Hz  {mass}" + "".join(
+        [*coupled, grows]
+    )
+
+
+def frequency(squares: Any) -> Any:
+    """Hz of squares of angular frequencies, 1/s^2; of growth rates minus the rate over 2 pi."""
+    return np.sign(squares) * np.sqrt(np.abs(squares)) / (2 * np.pi)
+
+
+def _modes(
+    of: Engine, row: dict[str, Any], found: Vibrations, scales: Any
+) -> Iterator[dict[str, Any]]:
+    """Rows of modes, as they are where their longest displacement is 1 mm."""
+    device, squares = of.problem.device, found.modes.values
+    for k, hertz in enumerate(frequency(squares)):
+        mode = {"stage": row["stage"], "step": row["step"], "mode": k + 1, "frequency_Hz": hertz}
+        mode["modal_mass_g"] = _GRAMS / scales[k] ** 2
+        for port in device.ports:
+            for variable, values, sign in zip(
+                port.kind.variables, (found.values, found.duals), (1.0, port.kind.sign), strict=True
+            ):
+                name = f"{variable.column}_per_mm{port.suffix}"
+                change = sign * values[port.name][k] / scales[k]
+                mode[name] = variable.factor * change + 0.0
+        for name, (opened, closed) in found.circuits.items():
+            suffix = device.by_name[name].suffix
+            mode[f"open_circuit_Hz{suffix}"] = frequency(opened[k])
+            mode[f"short_circuit_Hz{suffix}"] = frequency(closed[k])
+            mode[f"coupling_squared{suffix}"] = (opened[k] - closed[k]) / opened[k]
+        yield {name: v if isinstance(v, (str, int)) else float(v) for name, v in mode.items()}
+
+
+def _point(of: Engine, row: dict[str, Any], found: Vibrations) -> Iterator[tuple[str, Any]]:
+    """A state on the curve of frequencies: what the ports do there."""
+    for name in ("stage", "step", "time_s"):
+        yield name, row[name]
+    for port in of.problem.device.ports:
+        for variable in port.kind.variables:
+            yield port.column(variable), row[port.column(variable)]
+    for k, hertz in enumerate(frequency(found.modes.values), start=1):
+        yield f"frequency_Hz.{k}", float(hertz)

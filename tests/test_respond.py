@@ -1,0 +1,412 @@
+"""Small-signal spectra about static states: limits, closed forms, circuits, and the command."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from conftest import CONFIGS, case
+from laminates import config, simulation
+from test_modes import DENSITY, SOFT, beam, command, loaded, small  # noqa: F401 - a fixture
+from test_parallel import PATIENCE
+from verification.references import line, oscillator
+from verification.references import sound as references
+
+import dealib
+from dealib.cli.mpi import environment, mpirun
+from dealib.errors import ConfigError, ValueAt
+from dealib.fem.response import Response, relaxed_state
+from dealib.program.modes import Watch, at_rest
+from dealib.program.response import Driver, Spectrum
+from dealib.results import circuit, sound
+from dealib.units import EPSILON_0
+
+
+def spectrum(given: Any, hertz: Any, **keys: Any) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """The spectrum at the end of a program, and the row of its state."""
+    found = Spectrum(None, keys.pop("of", "terminal"), hertz, **keys)
+    for state in simulation(given):
+        found(state)
+    return pd.DataFrame(found.rows), state.row
+
+
+def complex_of(table: pd.DataFrame, size: str, phase: str) -> Any:
+    """A column with its phase."""
+    return (table[size] * np.exp(1j * np.radians(table[phase]))).to_numpy()
+
+
+# --- limits --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("free", [True, False])
+def test_it_begins_with_the_small_signal_columns(free):
+    """Differential capacitance at low frequency, the mount free or held."""
+    program = [
+        {"stage": "push", "mount": {"displacement": "-2 mm"}, "steps": 4},
+        {"stage": "charge", "terminal": {"voltage": "2.5 kV"}, "steps": 3},
+    ]
+    if free:
+        program.append({"stage": "let go", "mount": {"force": "-0.356 N"}})
+    given = loaded(
+        "3 g", sensing={"differential": True}, program=program, mesh={"columns": 20, "film_rows": 1}
+    )
+    table, row = spectrum(given, [1e-3])
+    C = row["differential_capacitance_pF"]
+    assert table["parallel_capacitance_pF"][0] == pytest.approx(C, rel=1e-6)
+    assert table["charge_uC_per_kV"][0] == pytest.approx(1e-3 * C, rel=1e-6)
+    Z = 1e6 / (2 * np.pi * 1e-3 * C)
+    assert table["impedance_Mohm"][0] == pytest.approx(Z, rel=1e-6)
+    assert table["impedance_phase_deg"][0] == pytest.approx(-90, abs=1e-6)
+    moved = "displacement_mm_per_kV" if free else "force_N_per_kV"
+    h = 1e-3
+    ends = []
+    for sign in (1, -1):
+        program[1]["terminal"] = {"voltage": f"{2.5 + sign * h!r} kV"}
+        other = loaded("3 g", program=program, mesh={"columns": 20, "film_rows": 1})
+        *_, end = (state.row for state in simulation(other))
+        ends.append(end["displacement_mm" if free else "force_N"])
+    slope = (ends[0] - ends[1]) / (2 * h)
+    sign = np.cos(np.radians(table["phase_deg" if free else "force_phase_deg"][0]))
+    assert sign * table[moved][0] == pytest.approx(slope, rel=1e-4)
+
+
+def test_a_mass_on_a_film_with_a_branch_is_an_oscillator():
+    """A bar that carries a mass, pulled by its Maxwell stress: one degree of freedom."""
+    branch = {"shear_modulus": "0.3 MPa", "relaxation_time": "2 ms"}
+    mass = 0.5e-3  # kg
+    plate = {"plate": {"on": "right", "along": "X", "mass": f"{mass} kg", "free": ["Z"]}}
+    given = beam(
+        film={"branches": [branch]},
+        mounts=plate,
+        holds=[{"on": "left", "fix": ["X"]}, {"on": "film.bottom", "fix": ["Z"]}],
+        damping={"stiffness": "20 us", "mass": "3 1/s"},
+        program=[
+            {"stage": "go", "mount": {"force": "0 N"}, "terminal": {"voltage": "1 kV"}, "steps": 2}
+        ],
+    )
+    hertz = np.geomspace(1, 1000, 25)
+    table, _ = spectrum(given, hertz)
+    u = complex_of(table, "displacement_mm_per_kV", "phase_deg")
+    # the plate's force and that on the faces: sx + w^2 m u/A = eps e de, sz = -eps e de; ey = 0
+    omega, length, section = 2 * np.pi * hertz, 10.0, 5.0
+    pull = 3 * EPSILON_0 * 1.0  # eps e of 1 kV/mm, a kV/mm more
+    K, z = 2 / 3, 1j * omega * 2e-3 / (1 + 1j * omega * 2e-3)
+    lost = 1j * omega * 20e-6
+    bulk, shear = K * (1 + lost), 1.0 * (1 + lost) + 0.3 * z
+    one, other = bulk + 4 / 3 * shear, bulk - 2 / 3 * shear
+    inertia = 1e-3 * mass * (omega**2 - 3j * omega) * length / section
+    strain = [
+        np.linalg.solve([[p - m, q], [q, p]], [pull, -pull])[0]
+        for p, q, m in zip(one, other, inertia, strict=True)
+    ]
+    assert u == pytest.approx(length * np.array(strain), rel=1e-3)
+    assert np.abs(u).max() > 1.5 * np.abs(u[0])  # there is a resonance
+
+
+def test_an_oscillator_of_the_references_is_what_the_closed_form_gives():
+    """The same numbers where the branch pulls as the law does."""
+    o = oscillator.Oscillator(mass=2.0, stiffness=3.0, branch=0.5, tau=0.4)
+    z = 1j * 0.7 * 0.4 / (1 + 1j * 0.7 * 0.4)
+    assert oscillator.harmonic(o, 0.7) == pytest.approx(1 / (3 + 0.5 * z - 2 * 0.49))
+
+
+def test_branches_have_relaxed_before():
+    """However short the program was: the static limit is that of the law alone."""
+    branch = {"shear_modulus": "0.5 MPa", "relaxation_time": "1000 s"}
+    program = [
+        {"stage": "push", "mount": {"force": "-0.1 N"}, "steps": 3},
+        {"stage": "charge", "terminal": {"voltage": "3 kV"}, "steps": 3},
+    ]
+    tables = []
+    for branches in ([], [branch]):
+        rubber = SOFT | {"shear_modulus": "0.3 MPa", "bulk_modulus": "20 MPa", "prestretch": 1.2}
+        given = config(
+            "annulus",
+            {"name": "film", "thickness": "0.2 mm"},
+            materials={"film": rubber | {"branches": branches}},
+            program=program,
+        )
+        tables.append(spectrum(given, [1e-7, 1e3])[0])
+    slow, fast = (table["displacement_mm_per_kV"].to_numpy() for table in tables)
+    assert fast[0] == pytest.approx(slow[0], rel=1e-6)
+    assert fast[1] != pytest.approx(slow[1], rel=1e-2)
+
+
+# --- resistive electrodes ------------------------------------------------------------------------
+
+RHO, CAPACITANCE = 10e3, 1e-7  # ohm a square, F/m^2
+THICKNESS = 4.7 * 8.8541878128e-12 / CAPACITANCE * 1e3  # mm
+
+
+def plates(base: dict[str, Any], contact: str, electrode: str = "", **sections: Any) -> Any:
+    """A flat film with resistive electrodes, without voltage."""
+    film = {"name": "film", "thickness": f"{THICKNESS!r} mm"}
+    layers, materials = [film], {"film": SOFT | {"bulk_modulus": "1 MPa"}}
+    if electrode:
+        sheet = {"thickness": electrode, "material": "electrode"}
+        layers = [sheet | {"name": "low"}, film, sheet | {"name": "high"}]
+        rubber = {"law": "neo_hookean", "youngs_modulus": "1 MPa", "density": "1000 kg/m^3"}
+        materials["electrode"] = rubber
+    given: dict[str, Any] = {
+        "geometry": {"base": base, "layers": layers},
+        "materials": materials,
+        "mesh": {"columns": 40, "film_rows": 1},
+        "sensing": {"sheet_resistance": f"{RHO} ohm", "contact": contact},
+    }
+    return config(base["kind"], **(given | sections))
+
+
+STRIP = {"kind": "strip", "length": "100 mm", "width": "20 mm"}
+ANNULUS = {"kind": "annulus", "inner_radius": "10 mm", "outer_radius": "40 mm"}
+DISC = {"kind": "disc", "radius": "40 mm"}
+SHEETS = line.Sheets(RHO, RHO, CAPACITANCE)
+
+
+@pytest.mark.parametrize(
+    ("base", "contact", "electrode", "expected"),
+    [
+        (STRIP, "left", "", lambda w: line.strip(SHEETS, w, 0.1, 0.02)),
+        (STRIP, "right", "20 um", lambda w: line.strip(SHEETS, w, 0.1, 0.02)),
+        (ANNULUS, "outer", "", lambda w: line.annulus_from_outside(SHEETS, w, 0.01, 0.04)),
+        (ANNULUS, "inner", "20 um", lambda w: line.annulus_from_inside(SHEETS, w, 0.01, 0.04)),
+        (DISC, "outer", "", lambda w: line.annulus_from_outside(SHEETS, w, 0.0, 0.04)),
+    ],
+)
+def test_a_resistive_electrode_is_a_transmission_line(base, contact, electrode, expected):
+    """Fed at one end on both faces: coth(x)/x and Bessel functions, from far below to far above."""
+    tau = 2 * RHO * CAPACITANCE * 0.1**2
+    omega = np.array([0.3, 3.0, 30.0]) / tau
+    table, _ = spectrum(plates(base, contact, electrode), omega / (2 * np.pi))
+    Z = 1e6 * complex_of(table, "impedance_Mohm", "impedance_phase_deg")
+    exact = np.array([expected(w) for w in omega])
+    assert np.abs(Z / exact - 1).max() < 1e-3
+    assert Z.real == pytest.approx(exact.real, rel=1e-3)
+    if base is STRIP and contact == "left":  # as printed in the references' tables
+        assert Z[[0, 2]] == pytest.approx(
+            [3.331430e4 - 3.339994e5j, 1.290004e4 - 1.292225e4j], rel=1e-3
+        )
+
+
+def test_a_driver_in_series():
+    """Resistance and inductance add to the impedance, and take their share of the voltage."""
+    given = plates(STRIP, "left")
+    given = given.model_copy(update={"sensing": type(given.sensing)()})
+    hertz = np.array([1e3, 1e5])
+    driver = Driver(resistance=5e-6, inductance=2e-12)  # 5 kohm, 2 mH
+    alone, _ = spectrum(given, hertz)
+    table, _ = spectrum(given, hertz, driver=driver)
+    Z = complex_of(alone, "impedance_Mohm", "impedance_phase_deg")
+    C = 1e-7 * 0.1 * 0.02
+    exact = 1 / (2j * np.pi * hertz * C) / 1e6
+    assert np.abs(Z / exact - 1).max() < 1e-6
+    more = 5e-3 + 2j * np.pi * hertz * 2e-9
+    seen = complex_of(table, "impedance_Mohm", "impedance_phase_deg")
+    assert seen == pytest.approx(Z + more, rel=1e-9)
+    charge = complex_of(table, "charge_uC_per_kV", "charge_phase_deg")
+    assert charge == pytest.approx(
+        complex_of(alone, "charge_uC_per_kV", "charge_phase_deg") * Z / seen, rel=1e-9
+    )
+    current = complex_of(table, "current_uA_per_kV", "current_phase_deg")
+    assert current == pytest.approx(1e3 / seen, rel=1e-9)  # 1 kV over Mohm
+
+
+def test_an_electrode_must_reach_its_contact():
+    given = plates(
+        STRIP,
+        "left",
+        terminals={
+            "hot": {"on": "film.top", "within": ["10 mm", "90 mm"]},
+            "ground": {"on": "film.bottom", "ground": True},
+        },
+    )
+    with pytest.raises(ValueAt, match=r"of terminal 'hot' does not reach the end 'left'"):
+        spectrum(given, [100.0], of="hot")
+
+
+# --- between the frequencies that are solved ----------------------------------------------------
+
+
+def test_frequencies_in_between_are_as_good_as_solved_ones():
+    """On a film with modes in the band, a branch, damping, and resistive electrodes."""
+    given = case("dynamics/spectrum", mesh__columns=12)
+    *_, state = dealib.Simulation(at_rest(given, []))
+    of = state.engine
+    hertz = np.geomspace(1, 3e4, 60)
+    with relaxed_state(of.newton, of.viscosity):
+        response = Response(of.newton, of.viscosity, "terminal")
+        solved, solve = [], response._pairs.solve
+
+        def count(factors, right):
+            solved.append(factors)
+            return solve(factors, right)
+
+        response._pairs.solve = count
+        swept = [(c.values["plate"], c.duals["terminal"]) for c in response.at(hertz)]
+        assert len(solved) < 40
+        alone = [
+            (c.values["plate"], c.duals["terminal"]) for f in hertz[::6] for c in response.at([f])
+        ]
+    ratio = np.array(swept)[::6] / np.array(alone)
+    assert np.abs(ratio - 1).max() < 1e-6
+
+
+# --- sound ---------------------------------------------------------------------------------------
+
+DOME = ("dynamics/loudspeaker", {"mesh.columns": 24})
+
+
+def test_a_piston_in_a_wall():
+    """On its axis rho c w (exp(-ikz) - exp(-ik s)); the power of any profile of the references."""
+    r, omega, z = np.linspace(2.0, 20.0, 7), 2 * np.pi * 4e3, 50.0
+    k, air = omega / sound.SPEED, references.Air(sound.DENSITY, sound.SPEED)
+    w = np.full(7, 3.0 + 1j)
+    exact = sound.DENSITY * sound.SPEED * w[0]
+    exact *= np.exp(-1j * k * z) - np.exp(-1j * k * np.hypot(20.0, z))
+    assert sound.on_axis(r, w, omega, z) == pytest.approx(exact, rel=1e-9)
+    fine = np.linspace(0, 20.0, 400)
+    bulge = 1 - (fine / 20.0) ** 2
+    given = (lambda x: 1 - (x / 20.0) ** 2), 20.0, omega
+    assert sound.power(fine, bulge, omega) == pytest.approx(references.power(*given, air), rel=1e-4)
+    assert sound.on_axis(fine, bulge, omega, z) == pytest.approx(
+        references.on_axis(*given, z, air), rel=1e-4
+    )
+
+
+def test_a_loudspeaker_sounds_by_the_volume_that_it_moves():
+    """Where it is small against the wave, and the point far away; it resonates as its dome does."""
+    given = at_rest(case(DOME[0], **{k.replace(".", "__"): v for k, v in DOME[1].items()}), [])
+    modes = Watch((), None, 1)
+    for state in dealib.Simulation(given):
+        modes(state)
+    hertz, far = np.array([20.0, 100.0, modes.rows[0]["frequency_Hz"]]), 2000.0
+    found = Spectrum(None, "terminal", hertz, distance=far)
+    for state in dealib.Simulation(given):
+        found(state)
+    table = pd.DataFrame(found.rows)
+    omega = 2 * np.pi * hertz
+    volume = complex_of(table, "volume_mm3_per_kV", "volume_phase_deg")
+    k = omega / sound.SPEED
+    exact = -sound.DENSITY * omega**2 * volume * np.exp(-1j * k * far) / (2 * np.pi * far) * 1e6
+    heard = complex_of(table, "sound_pressure_Pa_per_kV", "sound_phase_deg")
+    assert np.abs(heard / exact - 1).max() < 0.01
+    power = sound.DENSITY * omega**4 * np.abs(volume) ** 2 / (4 * np.pi * sound.SPEED)
+    assert table["sound_power_mW_per_kV2"].to_numpy() == pytest.approx(power, rel=0.01)
+    assert table["apex_mm_per_kV"][2] > 20 * table["apex_mm_per_kV"][0]
+    # the column of the probe is the displacement that a little voltage gives
+    assert table["apex_phase_deg"][0] == pytest.approx(0, abs=2)
+
+
+def test_sound_is_that_of_flat_bodies_of_revolution():
+    with pytest.raises(ConfigError, match="sound: only of a disc or an annulus"):
+        spectrum(beam(), [10.0], distance=100.0)
+
+
+# --- circuits ------------------------------------------------------------------------------------
+
+PARTS = {"C": 400e-12, "Rs": 12e3, "Rp": 5e9, "Cm": 40e-12, "Lm": 2.5e5, "Rm": 4e6}
+
+
+@pytest.mark.parametrize(
+    "kept", [("C",), ("C", "Rs"), ("C", "Rs", "Rp"), ("C", "Rs", "Cm", "Lm", "Rm"), tuple(PARTS)]
+)
+def test_a_circuit_is_found_again(kept):
+    """Its parts, and no others, within their intervals."""
+    parts = {name: PARTS[name] for name in kept}
+    hertz = np.geomspace(0.5, 1e5, 300)
+    noise = np.random.default_rng(3).normal(0, 1e-4, (2, 300))
+    Z = circuit.impedance(parts, hertz) * np.exp(noise[0] + 1j * noise[1])
+    found = circuit.fit(hertz, Z)
+    assert {v.name for v in found.values} == set(kept)
+    for v in found.values:
+        assert v.value == pytest.approx(parts[v.name], rel=0.02)
+        assert v.low < v.high
+        width = np.log(v.high / v.low) / 2  # a parameter may be off by twice its interval
+        assert abs(np.log(v.value / parts[v.name])) < 2 * width
+    assert found.misfit == pytest.approx(1.4e-4, rel=0.2)
+
+
+# --- the command and its example -----------------------------------------------------------------
+
+SPRING = "--set=program.0={stage: push, mount: {force: -0.05 N}, steps: 2}"
+
+
+def test_the_spectrum_of_the_gallery():
+    """A resonance on a capacitor; far above it the electrodes keep the charge out."""
+    given = at_rest(case("dynamics/spectrum", mesh__columns=20), [])
+    found = Spectrum(None, "terminal", np.geomspace(1, 1e6, 121))
+    for state in dealib.Simulation(given):
+        found(state)
+    table = pd.DataFrame(found.rows)
+    k = table["displacement_mm_per_kV"].argmax()
+    assert 28 < table["frequency_Hz"][k] < 32
+    C = table["parallel_capacitance_pF"].to_numpy()
+    assert C[0] == pytest.approx(724.4, rel=0.01)
+    assert C[0] > 1.01 * C[60]  # which does not move any more
+    assert (np.diff(C[80:]) < 0).all()
+    phase = table["impedance_phase_deg"].to_numpy()
+    assert phase[60] == pytest.approx(-89, abs=1.5)
+    assert phase[-1] == pytest.approx(-45, abs=3)  # a diffusion
+
+
+def test_the_command(small, tmp_path):  # noqa: F811 - the fixture
+    out = tmp_path / "response"
+    given = ["respond", small, "--set", DENSITY, SPRING, "--from", "1 Hz", "--to", "2 kHz"]
+    given += ["--out", out, "--points", "30"]
+    done = command(*given, "--series-resistance", "10 kohm", "--series-inductance", "1 mH")
+    assert done.exit_code == 0, done.output + repr(done.exception)
+    table = pd.read_csv(out / "response.csv")
+    assert len(table) == 30
+    assert table["frequency_Hz"].iloc[[0, -1]].to_list() == pytest.approx([1, 2000])
+    for name in ("displacement_mm_per_kV", "phase_deg", "impedance_Mohm", "loss_tangent"):
+        assert np.isfinite(table[name]).all()
+    for name in ("circuit.csv", "plots/bode.png", "plots/nyquist.png", "history.csv"):
+        assert (out / name).is_file()
+    assert "equivalent circuit" in done.output
+    assert "displacement_mm_per_kV: largest" in done.output
+    parts = pd.read_csv(out / "circuit.csv").set_index("part")
+    assert parts["value"]["Rs"] == pytest.approx(1e4, rel=0.2)
+    again = command(*given)
+    assert isinstance(again.exception, ConfigError)
+    assert "--overwrite" in str(again.exception)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--from", "5 Hz", "--to", "1 Hz"], "two frequencies above zero, the lower first"),
+        (["--from", "1", "--to", "1 Hz"], "--from: expected a frequency with its unit"),
+        (["--from", "1 Hz", "--to", "1 mm"], "'mm' is not a unit of that kind"),
+        (["--from", "1 Hz", "--to", "9 Hz", "--of", "terminl"], "did you mean 'terminal'?"),
+        (["--from", "1 Hz", "--to", "9 Hz", "--at", "psh"], "did you mean 'push'?"),
+        (["--from", "1 Hz", "--to", "9 Hz", "--series-resistance", "1 N"], "--series-resistance: "),
+    ],
+)
+def test_what_it_refuses(small, options, said):  # noqa: F811
+    done = command("respond", small, "--set", DENSITY, *options)
+    assert isinstance(done.exception, ConfigError)
+    assert said in str(done.exception)
+
+
+@pytest.mark.mpi
+def test_on_two_ranks_as_on_one(tmp_path):
+    tables = []
+    for ranks in (1, 2):
+        out = tmp_path / f"on{ranks}"
+        path = CONFIGS / "dynamics/spectrum.yaml"
+        line = [mpirun(), "-n", str(ranks), sys.executable, "-m", "dealib", "respond", str(path)]
+        line += ["--set", "mesh.columns=12", "--out", str(out), "--from", "1 Hz", "--to", "10 kHz"]
+        line += ["--points", "20"]
+        done = subprocess.run(
+            line, env=environment(), capture_output=True, text=True, timeout=PATIENCE, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        tables.append(pd.read_csv(out / "response.csv"))
+    for name in ("displacement_mm_per_kV", "impedance_Mohm", "charge_uC_per_kV"):
+        assert tables[1][name].to_numpy() == pytest.approx(tables[0][name].to_numpy(), rel=1e-6)
+    assert tables[1]["parallel_capacitance_pF"][0] == pytest.approx(
+        tables[0]["parallel_capacitance_pF"][0], rel=1e-8
+    )
