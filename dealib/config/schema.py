@@ -183,6 +183,11 @@ class Sensing(Section):
     area_exponent: float = Field(
         1.0, ge=0, description="n: it grows as (area ratio)^n; 1: constant volume and resistivity"
     )
+    charging: bool = Field(
+        False,
+        description="the electrodes charge through it in time, from the contact on; needs "
+        "sheet_resistance",
+    )
     contact: str | None = Field(
         None, description="end of the base at which both electrodes are contacted; default the last"
     )
@@ -362,8 +367,19 @@ class Config(Section):
 
     def _one_ladder(self) -> None:
         """Resistances are those of the electrodes on one film, along a line."""
+        charging = ("sensing", "charging")
         if self.sensing.sheet_resistance is None:
+            if self.sensing.charging:
+                raise ValueAt(charging, "needs sensing.sheet_resistance")
             return
+        for other, there in {
+            "sensing.differential": self.sensing.differential,
+            "output.modes": self.output.modes > 0,
+            "a stage with follow": any(s.follow is not None for s in self.program),
+            "another coupling than energy": self.physics.coupling != "energy",
+        }.items():
+            if self.sensing.charging and there:
+                raise ValueAt(charging, f"does not go with {other}, which is of equilibria")
         device, contact = self.device, self.sensing.contact
         laminate, space = device.laminate, device.kinematics
         lines = space.dim == 2 and not space.sheet and len(device.of(TERMINAL)) == 1

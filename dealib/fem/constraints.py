@@ -146,7 +146,7 @@ def build(domain: Domain, spaces: Spaces, contact: str | None = None) -> Constra
     supports = [s for s in device.supports if s.quantity != PHI or not device.kinematics.sheet]
     contacted = set()
     for support in supports:
-        dofs = _support_dofs(domain, spaces, support)
+        dofs = support_dofs(domain, spaces, support)
         if contact is not None and support.quantity == PHI:
             dofs = np.intersect1d(dofs, _dofs(spaces.W, (1,), *domain.entities(contact)))
             contacted |= {support.where} if len(dofs) else set()
@@ -247,7 +247,8 @@ def _platform(domain: Domain, spaces: Spaces, name: str, mine: Any) -> Platform:
     )
 
 
-def _support_dofs(domain: Domain, spaces: Spaces, support: Support) -> Ints:
+def support_dofs(domain: Domain, spaces: Spaces, support: Support) -> Ints:
+    """Local degrees of freedom that a support holds, ghosts included."""
     axes = domain.device.kinematics.axes
     path = (1,) if support.quantity == PHI else (0, axes.index(support.quantity))
     if not domain.has(support.where):

@@ -6,6 +6,7 @@ import logging
 import math
 import weakref
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -169,10 +170,11 @@ class Newton:
         if problem.sheet is not None:
             return -problem.integrate(f"corner {port} {port}")
         q = system.q
-        if not self._factored:
-            system.residual(q, system.residual_vector)
-            self._tangent(self._snes, q, system.matrix, system.matrix)
-            self._snes.getKSP().setOperators(system.matrix)
+        if not self._factored or system.charging is not None:
+            with nullcontext() if system.charging is None else system.charging.at_once():
+                system.residual(q, system.residual_vector)
+                self._tangent(self._snes, q, system.matrix, system.matrix)
+                self._snes.getKSP().setOperators(system.matrix)
         unit, response = q.duplicate(), q.duplicate()
         unit.set(0.0)
         system.map.set_port(unit, port, 1.0)
@@ -186,6 +188,8 @@ class Newton:
         system.expand(trial)
         energy = problem.integrate("electric")
         system.expand(q)
+        if system.charging is not None:
+            system.residual(q, system.residual_vector)
         return -2 * energy
 
     def responses(self) -> list[Any]:

@@ -23,6 +23,7 @@ from dealib.fem.chambers import ChamberPressure, sides
 from dealib.fem.constraints import ConstraintMap
 from dealib.fem.couplings import Coupling
 from dealib.fem.domain import Domain, Spaces
+from dealib.fem.electrodes import power
 from dealib.fem.energies import (
     Energy,
     Hyperelastic,
@@ -57,6 +58,7 @@ class Problem:
         density: Of each material in motion, t/mm^3, as a constant.
         rate_factor: Constant: acceleration a displacement, 1/s^2, of a step in time.
         locking: Constant: the share of a law's extensibility that `locked` asks for.
+        charging: Whether the electrodes charge through their resistance, in time.
         branches: Potentials of the networks beside the laws over a step.
         terms: What they depend on besides the deformation (`Viscosity` sets it); None without.
         peaks: Largest energies so far, for laws that soften (likewise); None without.
@@ -78,6 +80,7 @@ class Problem:
     locking: Any
     density: dict[str, Any]
     rate_factor: Any
+    charging: bool = False
     branches: list[Energy] = field(default_factory=list)
     terms: Any = None
     peaks: Any = None
@@ -268,6 +271,7 @@ class Problem:
                 'along' (the tangent's product with `direction`);
                 'mass', 'mass along' (of `rate_factor` times the mass, in that direction),
                 'inertia' (of `rate`), 'inertia work' (of `rate` in that direction);
+                'conductance' (of the electrodes along themselves);
                 'mounted' (volume of what carries stress), 'product' (of displacements over it);
                 'residual', 'tangent' (of both, coupled); 'mesh_residual', 'mesh_tangent' (of the
                 air's fictitious elasticity); 'dual PORT', 'column PORT', 'corner PORT PORT' (first
@@ -286,6 +290,8 @@ class Problem:
         if name == "product":
             u, v = (ufl.split(f(W))[0] for f in (ufl.TestFunction, ufl.TrialFunction))
             return compat.form(self._mounted(ufl.dot(u, v)))
+        if name == "conductance":
+            return compat.form(power(self))
         if name in ("mass", "mass along", "inertia", "inertia work"):
             return compat.form(self._inertia(name))
         if name in ("elastic", "electric", "wrinkled"):

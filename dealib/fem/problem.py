@@ -17,9 +17,9 @@ from dealib.device.records import CHAMBER, TERMINAL, Region
 from dealib.fem import compat
 from dealib.fem.branches import network_steps, step_terms
 from dealib.fem.chambers import chamber_energies
-from dealib.fem.constraints import build
 from dealib.fem.couplings import COUPLINGS
 from dealib.fem.domain import Domain, build_domain, build_spaces
+from dealib.fem.electrodes import build_map
 from dealib.fem.energies import (
     Energy,
     Hyperelastic,
@@ -106,7 +106,7 @@ def problem_on(domain: Domain, config: Config) -> Problem:
         config=config,
         domain=domain,
         spaces=spaces,
-        constraints=build(domain, spaces),
+        constraints=build_map(domain, spaces, config, config.sensing.charging),
         groups=groups,
         elastic=elastic,
         electric=electric,
@@ -117,6 +117,7 @@ def problem_on(domain: Domain, config: Config) -> Problem:
         locking=constant(mesh, 1.0),
         density={k: constant(mesh, m.density or 0.0) for k, m in config.solids.items()},
         rate_factor=constant(mesh, 1.0),
+        charging=config.sensing.charging,
         branches=branches,
         terms=terms,
         peaks=peaks,

@@ -152,10 +152,13 @@ class Snapshot:
         return found + (0.0 if self.viscosity is None else self.viscosity.stored)
 
     def capacitance(self, port: Port) -> float:
-        """Q/V of the one terminal, nF; at 0 V by a unit test voltage with the body frozen."""
+        """Q/V of the one terminal, nF; at 0 V by a unit test voltage with the body frozen.
+
+        So it is of electrodes that charge in time, as if they had charged for long.
+        """
         volts = self.primal(port)
         small = 1e-6 * self.newton.system.problem.domain.sizes.thickness  # 1e-6 kV/mm
-        if abs(volts) > small:
+        if abs(volts) > small and self.newton.system.charging is None:
             return self.dual(port) / volts
         return self.newton.capacitance(port.name)
 

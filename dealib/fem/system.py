@@ -17,6 +17,7 @@ from dolfinx.fem import petsc as fem_petsc
 
 from dealib.device.records import MOUNT, TURN
 from dealib.fem import compat
+from dealib.fem.charging import Charging
 from dealib.fem.constraints import FIELDS
 from dealib.fem.inertia import Inertia
 from dealib.fem.pattern import create_matrix
@@ -101,6 +102,7 @@ class System:
         values: q at each port, of the last residual.
         internal: dPi/dq at each port, of the last residual; in motion with the forces of inertia.
         inertia: What a device in motion feels besides; `None` in equilibrium.
+        charging: What flows along electrodes that charge in time; None if they have no resistance.
         timings: Seconds spent by phase.
     """
 
@@ -110,6 +112,7 @@ class System:
         self.values = dict.fromkeys(self.map.ports, 0.0)
         self.internal = dict.fromkeys(self.map.ports, 0.0)
         self.inertia: Inertia | None = None
+        self.charging = Charging(problem) if problem.charging else None
         self._eliminated: dict[str, Any] = {}
         self.q = self.map.create_vector()
         self.residual_vector = self.map.create_vector()
@@ -130,7 +133,7 @@ class System:
         self._rows = [self.map.lgmap(rows) for _, _, rows in self._parts]
         with timings("matrix"):
             self.values = {port: 0.1 * (k + 3) for k, port in enumerate(self.values)}  # generic
-            self.matrix = create_matrix(problem, self._assemble)
+            self.matrix = create_matrix(problem, self._pattern)
             self.values = dict.fromkeys(self.values, 0.0)
 
     # --- residual --------------------------------------------------------------------------------
@@ -148,6 +151,8 @@ class System:
                 forms += moved.accelerate(self.values)
             self._add_vector(out, forms, self.map.physical)
             self._forces = self._on_platforms()
+            if self.charging is not None:
+                self.charging.add(out, q, self.matrix)
             if moved is not None:
                 moved.add_damping(out)
             self.internal = self.map.port_values(out)
@@ -231,6 +236,8 @@ class System:
                 elif law.weights:
                     summed.append(name)
             matrix.assemble()
+            if self.charging is not None:
+                self.charging.add_tangent(matrix)
             if moved is not None:
                 moved.add_tangent(matrix)
             if summed:
@@ -273,6 +280,12 @@ class System:
         for name in self._eliminated:
             self.map.set_port(right, name, steps[name])
         right.assemble()
+
+    def _pattern(self, matrix: Any) -> None:
+        """Add all that the tangent can have."""
+        self._assemble(matrix)
+        if self.charging is not None:
+            self.charging.assemble(matrix)
 
     def _assemble(self, matrix: Any, moving: bool = False) -> None:
         for (_, form, _), rows in zip(self._parts, self._rows, strict=True):

@@ -129,6 +129,7 @@ _MOVES = Need("a stage with dynamic: true", lambda c: c.moves)
 _DAMPED = Need(
     f"{_MOVES.text}, and damping", lambda c: c.moves and (c.damping.mass or c.damping.stiffness)
 )
+_CHARGING = Need("sensing.charging: true", lambda c: c.sensing.charging)
 _FOLLOW = Need("a stage with follow", lambda c: any(s.follow is not None for s in c.program))
 _WATCHED = Need("output.modes above 0", lambda c: c.output.modes > 0)
 _COUNTED = Need(f"{_WATCHED.text}, or {_FOLLOW.text}", lambda c: _WATCHED.has(c) or _FOLLOW.has(c))
@@ -259,6 +260,11 @@ QUANTITIES: tuple[Quantity, ...] = (
     Q("rc_time_us", "us", "charging time constant", _time_constant, _RESISTANCE),
     Q("dissipated_energy_mJ", "mJ", "dissipated energy", _dissipated, _MEMORY),
     Q("dissipated_power_mW", "mW", "dissipated power", _power, _BRANCHES),
+    Q(
+        *("electrode_loss_mJ", "mJ", "energy lost in the electrodes"),
+        lambda s: s.newton.system.charging.lost,
+        _CHARGING,
+    ),
     Q("kinetic_energy_mJ", "mJ", "kinetic energy", lambda s: s.inertia.kinetic, _MOVES),
     Q("damped_energy_mJ", "mJ", "damped energy", lambda s: s.inertia.damped, _DAMPED),
     Q(

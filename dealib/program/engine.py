@@ -14,6 +14,7 @@ from dealib.config.follow import partner
 from dealib.config.schema import Config
 from dealib.device.records import MOUNT, TURN
 from dealib.errors import ConfigError, ValueAt
+from dealib.fem.charging import Charging
 from dealib.fem.films import field_normals
 from dealib.fem.inertia import Inertia
 from dealib.fem.layout import Layout
@@ -88,10 +89,10 @@ class Engine:
         return tuple(x for d in self.drives for x in (d.label, d.at(at)))
 
     @property
-    def clocks(self) -> list[Viscosity | Inertia | Flows]:
+    def clocks(self) -> list[Viscosity | Inertia | Charging | Flows]:
         """What goes on in time in the present stage: to begin, judge and commit its steps."""
         flows = self._flows if self._flows.filled else None
-        known = (self.viscosity, self.newton.system.inertia, flows)
+        known = (self.viscosity, self.newton.system.inertia, self.newton.system.charging, flows)
         return [clock for clock in known if clock is not None]
 
     @property
@@ -103,6 +104,8 @@ class Engine:
     def begin(self, duration: float) -> None:
         """Prepare a step from the last converged state, in s."""
         self._flows.begin(duration)
+        if self.newton.system.charging is not None:
+            self.newton.system.charging.begin(duration)
         if self.viscosity is not None:
             self.viscosity.begin(duration)
         if self.newton.system.inertia is not None:
@@ -116,6 +119,15 @@ class Engine:
                 inertia.rest(system.map.port_values(system.q))
             inertia.enter()
         system.inertia = inertia if dynamic else None
+
+    def charges(self) -> Any:
+        """Charges of electrodes that charge in time (see `Charging.gather`)."""
+        system = self.newton.system
+        if system.charging is None:
+            return None
+        found = system.charging.gather(self.layout)
+        system.expand(system.q)
+        return found
 
     def rates(self) -> Any:
         """Velocities and accelerations of what moves in time (see `Inertia.gather`)."""
@@ -199,6 +211,11 @@ class Engine:
         row = self.progress.row or {}
         if self.viscosity is not None and row:
             self.viscosity.restore(saved.beside.get("internal"), row["dissipated_energy_mJ"])
+        if system.charging is not None and row:
+            system.charging.lost = row["electrode_loss_mJ"]
+            kept = saved.beside.get("charges")
+            system.charging.restore(self.layout, kept, saved.values["charging"])
+            system.expand(system.q)
         if self.inertia is not None and row:
             self.inertia.damped = row.get("damped_energy_mJ", 0.0)
             self.inertia.numerical = row["numerical_dissipation_mJ"]
@@ -213,6 +230,7 @@ class Engine:
     def plain(self) -> dict[str, Any]:
         """What a checkpoint holds besides the states (collective)."""
         map_, moved = self.newton.system.map, self.newton.system.inertia
+        charging = self.newton.system.charging
         of = map_.port_values
         free = {*self.problem.values, *(port for p in map_.platforms for port in p.ports)}
         ports = [  # of those that no degree of freedom follows
@@ -224,4 +242,5 @@ class Engine:
             "predictor": self.predictor.plain(),
             "ports": ports,
             "rates": None if moved is None else moved.plain(),
+            "charging": None if charging is None else charging.plain(),
         }

@@ -50,7 +50,7 @@ class Recorder:
             viscosity = state.engine.viscosity
             at_gauss = None if viscosity is None else viscosity.at_points(internal)
             keep = state.engine.predictor.memory
-            beside = {"internal": internal, "rates": rates}
+            beside = {"internal": internal, "rates": rates, "charges": state.charges()}
             kept = (nodal, stored, values, keep, beside, at_gauss, state.modes)
             self._writer.add(Record(state.row, *kept))
         self._timings["output"] += time.perf_counter() - begin

@@ -36,6 +36,8 @@ def prestrain(of: Engine, history: History, stage: Stage) -> Iterator[State]:
         pass
     if of.viscosity is not None:
         of.viscosity.rest()
+    if of.newton.system.charging is not None:
+        of.newton.system.charging.rest()
     yield _state(of, history, stage, 0.0, last=True)
 
 

@@ -9,7 +9,7 @@ from dealib.device.device import Device
 
 Two = tuple[float, float]
 STORED = ("elastic_energy_mJ", "electric_energy_mJ", "kinetic_energy_mJ")
-LOST = ("dissipated_energy_mJ", "damped_energy_mJ", "numerical_dissipation_mJ")
+LOST = ("dissipated_energy_mJ", "damped_energy_mJ", "numerical_dissipation_mJ", "electrode_loss_mJ")
 
 
 @dataclass

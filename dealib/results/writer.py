@@ -46,7 +46,8 @@ class Record:
         values: Plain values for the checkpoint.
         keep: How many states a checkpoint keeps.
         beside: What else a checkpoint holds of it: 'internal', the internal state of Maxwell
-            branches, and 'rates', velocities and accelerations, if there are some.
+            branches, 'rates', velocities and accelerations, and 'charges', of resistive electrodes,
+            if there are some.
         at_gauss: The internal state as `fields` wants it.
         modes: Displacements of modes, where stability is lost, (modes, nodes, axes).
     """
