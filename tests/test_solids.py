@@ -68,7 +68,10 @@ def octant(path: Path, size: float) -> None:
 
 
 def test_an_octant_of_a_balloon_is_that_of_the_closed_form(tmp_path: Path) -> None:
-    """Pressure and charge, up to half as large again, then under voltage at this volume."""
+    """Pressure and charge, up to half as large again, then under voltage at this volume.
+
+    With 395 cells the pressure is 0.12 % low, with 2,409 cells 0.03 %.
+    """
     octant(tmp_path / "m.msh", 4.0)
     given = balloon.Balloon(gent(0.02, 30.0), RADIUS, WALL, 4.7 * EPS0, thick=True)
     gained = (balloon.volume(given, 1.5) - balloon.volume(given, 1.0)) / 8
