@@ -114,6 +114,37 @@ def test_an_oscillator_of_the_references_is_what_the_closed_form_gives():
     assert oscillator.harmonic(o, 0.7) == pytest.approx(1 / (3 + 0.5 * z - 2 * 0.49))
 
 
+@pytest.mark.slow
+def test_a_small_motion_in_time_has_the_same_spectrum():
+    """A bar with a mass, a branch and damping after seven periods of a small voltage."""
+    branch = {"shear_modulus": "0.3 MPa", "relaxation_time": "2 ms"}
+    hertz, periods, per = 180.0, 9, 60
+    wave = {"mean": "5 kV", "amplitude": "50 V", "frequency": f"{hertz} Hz", "rise": "10 ms"}
+    swing = {"stage": "swing", "dynamic": True, "duration": f"{periods / hertz!r} s"}
+    swing |= {"terminal": {"voltage": wave}, "steps": periods * per}
+    pull = {"stage": "pull", "mount": {"force": "0 N"}, "terminal": {"voltage": "5 kV"}}
+    still = {"stage": "still", "duration": "1 s", "steps": 2}
+    given = {
+        "film": {"branches": [branch], "density": "1000 kg/m^3"},
+        "mesh": {"columns": 4, "film_rows": 1, "grading": "uniform"},
+        "mounts": {"plate": {"on": "right", "along": "X", "mass": "0.5 g", "free": ["Z"]}},
+        "holds": [{"on": "left", "fix": ["X"]}, {"on": "film.bottom", "fix": ["Z"]}],
+        "damping": {"mass": "400 1/s", "stiffness": "20 us"},
+        "solver": {"time_tolerance": 0.0, "rho": 1.0},
+    }
+    table, _ = spectrum(beam(**given, program=[pull, still]), [hertz])
+    rows = [s.row for s in simulation(beam(**given, program=[pull, still, swing]))]
+    history = pd.DataFrame(rows)[-2 * per :]
+    t, u = history["time_s"].to_numpy() - 1 - 1, history["displacement_mm"].to_numpy()
+    turns = 2 * np.pi * hertz * t
+    _, up, across = np.linalg.lstsq(
+        np.column_stack([np.ones_like(t), np.sin(turns), np.cos(turns)]), u, rcond=None
+    )[0]
+    seen = (up + 1j * across) / 0.05
+    expected = complex_of(table, "displacement_mm_per_kV", "phase_deg")[0]
+    assert abs(seen / expected - 1) < 0.01
+
+
 def test_branches_have_relaxed_before():
     """However short the program was: the static limit is that of the law alone."""
     branch = {"shear_modulus": "0.5 MPa", "relaxation_time": "1000 s"}
@@ -410,3 +441,34 @@ def test_on_two_ranks_as_on_one(tmp_path):
     assert tables[1]["parallel_capacitance_pF"][0] == pytest.approx(
         tables[0]["parallel_capacitance_pF"][0], rel=1e-8
     )
+
+
+@pytest.mark.slow
+def test_a_fit_to_a_spectrum_finds_what_it_was_made_with(small, tmp_path):  # noqa: F811
+    """Stiffness and damping from the resonance of a plate, as a vibrometer sees it."""
+    text = small.read_text().replace("prestretch: 1.2}", "prestretch: 1.2, density: 1000 kg/m^3}")
+    text = text.replace("mount: {displacement: -1 mm}", "mount: {mass: 5 g}")
+    text += "damping: {mass: 30 1/s}\n"
+    small.write_text(text.replace("youngs_modulus: 1 MPa", "youngs_modulus: 1.1 MPa"))
+    hertz = ["--from", "10 Hz", "--to", "100 Hz", "--points", "60"]
+    made = command("respond", small, *hertz, "--at", "charge", "--out", tmp_path / "true")
+    assert made.exit_code == 0, repr(made.exception)
+    table = pd.read_csv(tmp_path / "true" / "response.csv")[["frequency_Hz"]]
+    table["displacement [um/kV]"] = (
+        1e3 * pd.read_csv(tmp_path / "true" / "response.csv")["displacement_mm_per_kV"]
+    )
+    table.to_csv(tmp_path / "vibrometer.csv", index=False)
+    (tmp_path / "fit.yaml").write_text(
+        "name: fit\nbase: small.yaml\nset: {materials.film.youngs_modulus: 1 MPa}\n"
+        "parameters:\n"
+        "  materials.film.youngs_modulus: {start: 1 MPa, min: 0.7 MPa, max: 1.5 MPa}\n"
+        "  damping.mass: {start: 20 1/s, min: 5 1/s, max: 100 1/s}\n"
+        "data:\n  - {file: vibrometer.csv, stage: charge,"
+        " spectrum: {band: [10 Hz, 100 Hz], points: 200}}\n"
+    )
+    given = ["calibrate", tmp_path / "fit.yaml", "--out", tmp_path / "fit", "-j", "1"]
+    done = command(*given, "--cache", tmp_path / "cases")
+    assert done.exit_code == 0, done.output + repr(done.exception)
+    found = pd.read_csv(tmp_path / "fit" / "parameters.csv", index_col=0).iloc[:, 0]
+    assert float(found["materials.film.youngs_modulus"]) == pytest.approx(1.1, rel=2e-3)
+    assert float(found["damping.mass"]) == pytest.approx(30, rel=0.02)

@@ -35,7 +35,9 @@ def run_search(plan: Plan, cases: Cases, progress: Callable[[str], None]) -> Fit
 
     def solve(sets: list[Values]) -> list[list[History | NotConverged]]:
         n = len(fit.data)
-        found = cases.histories([plan.case(i, values) for values in sets for i in range(n)])
+        wanted = [plan.case(i, values) for values in sets for i in range(n)]
+        spectra = [(d.spectrum, d.stage) if d.spectrum else None for d in fit.data]
+        found = cases.histories(wanted, spectra * len(sets))
         return [found[k * n : (k + 1) * n] for k in range(len(sets))]
 
     free = {key: Free(p.unit, p.start[0], *p.range) for key, p in fit.parameters.items()}
@@ -74,7 +76,8 @@ def _series(plan: Plan, index: int, history: History) -> Series:
     data = plan.fit.data[index]
     numeric = [name for name, values in history.items() if values.dtype.kind in "fi"]
     found = measured(plan.files[index], numeric, data)
-    return Series(data.file, found, _sigma(plan, index, found), data.weight, data.stage)
+    stage = None if data.spectrum else data.stage
+    return Series(data.file, found, _sigma(plan, index, found), data.weight, stage)
 
 
 def _sigma(plan: Plan, index: int, measured: Measured) -> dict[str, float]:

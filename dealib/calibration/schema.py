@@ -10,6 +10,7 @@ from typing import Any, Literal
 from pydantic import Field, model_validator
 
 from dealib.config import Case, load
+from dealib.config.band import Band
 from dealib.config.messages import validate
 from dealib.config.names import FilePath, Name
 from dealib.config.source import Source
@@ -73,6 +74,11 @@ class Data(Selection):
         "and 0 of the abscissa",
     )
     weight: float = Field(1.0, gt=0, description="factor on the residuals of these data")
+    spectrum: Band | None = Field(
+        None,
+        description="they are of the small-signal spectrum at the end of `stage`, the abscissa "
+        "`frequency`; quantities are the columns of response.csv",
+    )
 
 
 Intervals = Literal["auto", "linear", "profile"]

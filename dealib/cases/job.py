@@ -13,10 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from dealib.config.band import Band
 from dealib.errors import FAULT, DealibError
 from dealib.files import guarded
 
 Report = Callable[[int, int], None]  # step, steps planned
+Wanted = tuple[Band, str | None]  # a spectrum, and the stage at whose end; None: the last one
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,7 @@ class Job:
         base: The config's file.
         overrides: 'key=value' changes of it.
         folder: Of the cache.
+        spectrum: That is wanted of it, too.
     """
 
     label: str
@@ -36,6 +39,7 @@ class Job:
     base: Path
     overrides: tuple[str, ...]
     folder: Path
+    spectrum: Wanted | None = None
 
     @property
     def directory(self) -> Path:
@@ -94,7 +98,13 @@ def _solve(job: Job, report: Report | None) -> None:
         shutil.rmtree(job.directory, ignore_errors=True)
     case = load(job.base, job.overrides)
     observers = [] if report is None else [_Reporter(report)]
-    simulate(case, job.directory, overwrite=True, observers=observers, comm=MPI.COMM_SELF)
+    done: Any = {"overwrite": True, "observers": observers, "comm": MPI.COMM_SELF}
+    if job.spectrum is None:
+        simulate(case, job.directory, **done)
+        return
+    from dealib.program.response import solve_spectrum
+
+    solve_spectrum(case, job.directory, *job.spectrum, **done)
 
 
 class _Reporter:

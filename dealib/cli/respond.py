@@ -49,16 +49,14 @@ def respond(
     terminal = terminal_of(case.config, of)
     still = at_rest(case, [at] if at is not None else [])
     distance = None if sound_at is None else _quantity("--sound-at", sound_at, "length")
-    spectrum = Spectrum(at, terminal.name, frequencies(low, high, points), driver, distance)
     directory = out or Path(f"{case.config.directory}-response")
+    path, hertz = directory / spectra.RESPONSE, frequencies(low, high, points)
+    spectrum = Spectrum(at, terminal.name, hertz, driver, distance, path)
     refuse_full_disk(still.config, directory)
     with case.blamed():
         run = solve(still, directory, overwrite=overwrite, look=spectrum)
-    if not spectrum.rows:
-        raise ConfigError(f"the run ended before the end of {at!r}: a condition stopped it")
+    spectrum.check()
     if MPI.COMM_WORLD.rank == 0:
-        path = directory / spectra.RESPONSE
-        spectra.write(path, spectrum.rows)
         typer.echo("\n".join([*_look_at(run, path), str(path)]))
 
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from dealib.config.band import Band
+from dealib.config.case import Case
 from dealib.config.schema import Config
 from dealib.device.records import MOUNT, TERMINAL, Port
 from dealib.errors import ConfigError, did_you_mean
@@ -16,9 +19,9 @@ from dealib.fem.probes import Probes
 from dealib.fem.response import Change, Response, relaxed_state
 from dealib.program.engine import Engine
 from dealib.program.history import State
-from dealib.program.modes import ends_program
-from dealib.program.run import ports_told
-from dealib.results import sound
+from dealib.program.modes import at_rest, ends_program
+from dealib.program.run import ports_told, simulate
+from dealib.results import sound, spectra
 
 log = logging.getLogger(__name__)
 
@@ -73,6 +76,7 @@ class Spectrum:
         hertz: Frequencies.
         driver: In series with it.
         distance: Of the point on the axis at which sound is heard, mm; none: it is not asked for.
+        path: Where it is written as soon as it is found, if anywhere.
         rows: Of `response.csv`, a frequency each.
     """
 
@@ -81,6 +85,7 @@ class Spectrum:
     hertz: Any
     driver: Driver = Driver()
     distance: float | None = None
+    path: Path | None = None
     rows: list[dict[str, float]] = field(default_factory=list)
 
     def __call__(self, state: State) -> State:
@@ -97,7 +102,15 @@ class Spectrum:
             face = None if self.distance is None else _Face(of, response)
             self.rows = [self._row(of, change, probes, face) for change in response.at(self.hertz)]
             of.newton.system.residual(of.newton.system.q, of.newton.system.residual_vector)
+        if self.path is not None and of.comm.rank == 0:
+            spectra.write(self.path, self.rows)
         return state
+
+    def check(self) -> None:
+        """Raise `ConfigError` if nothing was found: the run ended before."""
+        if not self.rows:
+            problem = "a condition stopped it"
+            raise ConfigError(f"the run ended before the end of {self.stage!r}: {problem}")
 
     def _row(
         self, of: Engine, change: Change, probes: _Linear, face: _Face | None
@@ -135,6 +148,30 @@ class Spectrum:
             row |= _polar("sound_pressure_Pa_per_kV", "sound_phase_deg", 1e6 * heard * share)
             row["sound_power_mW_per_kV2"] = power * abs(share) ** 2
         return row
+
+
+def solve_spectrum(
+    case: Case, directory: Path, band: Band, stage: str | None, **options: Any
+) -> None:
+    """Run a case through its equilibria, and write the spectrum beside it.
+
+    Args:
+        case: The case.
+        directory: Run directory.
+        band: Frequencies, and what is driven.
+        stage: At the end of this one; default the last.
+        options: Of `simulate`.
+
+    Raises:
+        ConfigError: If the run ended before.
+    """
+    terminal = terminal_of(case.config, band.of)
+    hertz, driver = frequencies(*band.band, band.points), Driver(band.series_resistance)
+    path = directory / spectra.RESPONSE
+    spectrum = Spectrum(stage, terminal.name, hertz, driver, path=path)
+    with case.blamed():
+        simulate(at_rest(case, [stage] if stage else []), directory, look=spectrum, **options)
+    spectrum.check()
 
 
 class _Linear:
