@@ -17,13 +17,11 @@ from dolfinx import fem
 from dealib.config.schema import Config
 from dealib.device.device import Device
 from dealib.device.kinematics import Kinematics
-from dealib.device.records import TERMINAL
 from dealib.fem import compat
 from dealib.fem.chambers import ChamberPressure, sides
 from dealib.fem.constraints import ConstraintMap
 from dealib.fem.couplings import Coupling
 from dealib.fem.domain import Domain, Spaces
-from dealib.fem.electrodes import power
 from dealib.fem.energies import (
     Energy,
     Hyperelastic,
@@ -33,6 +31,7 @@ from dealib.fem.energies import (
     in_plane,
     second_variation,
 )
+from dealib.fem.forms import ufl_form
 from dealib.fem.groups import Group, Sheet
 from dealib.fem.sheet import SheetModel, sheet_faces
 from dealib.materials import thickness_stretch
@@ -238,29 +237,6 @@ class Problem:
     def _on_sheet(self, size: Any, tag: int, density: Any) -> Any:
         return density * size * self._measure("dx", self._tags)(tag)
 
-    def _dual(self, port: str) -> Any:
-        """Derivative of the potential by the value of a port; 0 without."""
-        found = self.load_of(port, derive=True)
-        if self.sheet is not None and self._terminal(port):
-            found += self.sheet.dual(port)
-        return found
-
-    def _column(self, port: str) -> Any:
-        """Derivative of that by the state."""
-        test = ufl.TestFunction(self.spaces.W)
-        if self.sheet is not None and self._terminal(port):
-            return self.sheet.column(port, test)
-        return ufl.derivative(self._dual(port), self.state, test)
-
-    def _corner(self, one: str, other: str) -> Any:
-        """Second derivative of the potential by the values of two ports; 0 without."""
-        if self.sheet is not None and self._terminal(one) and self._terminal(other):
-            return self.sheet.corner(one, other)
-        return 0
-
-    def _terminal(self, port: str) -> bool:
-        return self.device.by_name[port].kind == TERMINAL
-
     # --- forms -----------------------------------------------------------------------------------
 
     def form(self, name: str) -> Any:
@@ -278,50 +254,9 @@ class Problem:
                 and second derivatives of the potential by the values of ports in `values`).
         """
         if name not in self._forms:
-            self._forms[name] = self._compile(name)
+            found = ufl_form(self, name)
+            self._forms[name] = compat.form(found) if found else None
         return self._forms[name]
-
-    def _compile(self, name: str) -> Any:
-        W, w = self.spaces.W, self.spaces.w
-        if name == "locked":
-            return compat.form(self._locked_volume())
-        if name == "mounted":
-            return compat.form(self._mounted(1.0))
-        if name == "product":
-            u, v = (ufl.split(f(W))[0] for f in (ufl.TestFunction, ufl.TrialFunction))
-            return compat.form(self._mounted(ufl.dot(u, v)))
-        if name == "conductance":
-            return compat.form(power(self))
-        if name in ("mass", "mass along", "inertia", "inertia work"):
-            return compat.form(self._inertia(name))
-        if name in ("elastic", "electric", "wrinkled"):
-            found = self.sheet.energy(name) if self.sheet else self.potential(getattr(self, name))
-            return compat.form(found)
-        kind, *ports = name.split(" ")
-        if ports:
-            made: dict[str, Callable[..., Any]] = {
-                "dual": self._dual,
-                "column": self._column,
-                "corner": self._corner,
-            }
-            found = made[kind](*ports)
-            return compat.form(found) if found else None
-        test, trial = ufl.TestFunction(W), ufl.TrialFunction(W)
-        if name == "along":
-            name, trial = "tangent", self.direction
-        if name.startswith("mesh") and not self.mesh_motion:
-            return None
-        parts = self.mesh_motion if name.startswith("mesh") else self.body + self.electric
-        loaded = {} if name.startswith("mesh") else dict.fromkeys(port for port, _ in self.loads)
-        loads = sum(ufl.derivative(self.load_of(port), w, test) for port in loaded)
-        if name.endswith("residual"):
-            given = name.startswith("mesh") or self.coupling.symmetric
-            first = self.first(parts, test) if given else self.coupling.residual(self, test)
-            return compat.form(first + loads)
-        if not self.coupling.symmetric and not name.startswith("mesh"):
-            return compat.form(ufl.derivative(self.coupling.residual(self, test), w, trial))
-        second = self.second(parts, test, trial)
-        return compat.form(second + (ufl.derivative(loads, w, trial) if loads else 0))
 
     def first(self, energies: list[Energy], test: Any) -> Any:
         """First variation of the sum of energies."""
@@ -379,32 +314,6 @@ class Problem:
         parts = [getattr(part, "solid", part) for part in self.elastic]
         return [part for part in parts if isinstance(part, Hyperelastic)]
 
-    def _locked_volume(self) -> Any:
-        """Mesh area in which a law is stretched to the share `locking` of its limit."""
-        return _sum(
-            ufl.conditional(ufl.ge(part.extension(self.point_of(part.on)), self.locking), 1.0, 0.0)
-            * self.measure(part.on)
-            for part in self.solids
-            if part.law.locks
-        )
-
-    def _mounted(self, density: Any) -> Any:
-        """Integral over the mounted volume of what carries stress."""
-        return _sum(self.over(group.name, density) for group in self.groups if group.material)
-
-    def _inertia(self, name: str) -> Any:
-        """Forms of the mass, which is that of the unstretched body."""
-        W = self.spaces.W
-        test = ufl.split(self.direction if name == "inertia work" else ufl.TestFunction(W))[0]
-        moved = {"mass": ufl.TrialFunction(W), "mass along": self.direction}.get(name, self.rate)
-        factor = self.rate_factor if name == "mass along" else 1.0
-        product = factor * ufl.dot(ufl.split(moved)[0], test)
-        return _sum(
-            self.over(g.name, self.density[g.material] * product / _pre_volume(g))
-            for g in self.groups
-            if g.material
-        )
-
     def set_prestretch(self, fraction: float) -> None:
         """Pre-stretch the body by a fraction (0: none, 1: all) of the config's pre-stretches."""
         for group in self.groups:
@@ -449,12 +358,6 @@ class Problem:
         sizes, film = self.domain.sizes, self.config.film
         stretch = math.sqrt(math.prod(film.prestretch))
         return float(EPSILON_0 * film.permittivity.at(stretch) * sizes.area / sizes.thickness)
-
-
-def _pre_volume(group: Group) -> Any:
-    """Mounted volume per unstretched volume of a group."""
-    p = group.prestretch
-    return 1 if p is None else p[0] * p[1] * p[2]
 
 
 def quadrature_degree(order: int) -> int:
