@@ -37,8 +37,12 @@ def at_rest(case: Case, stages: Sequence[str]) -> Case:
     with case.blamed():
         config.check_density()
     program = tuple(s.model_copy(update={"dynamic": False}) for s in config.program)
-    output = config.output.model_copy(update={"fields": "stage", "modes": 0})
-    return replace(case, config=config.model_copy(update={"program": program, "output": output}))
+    changed = {
+        "program": program,
+        "output": config.output.model_copy(update={"fields": "stage", "modes": 0}),
+        "sensing": config.sensing.model_copy(update={"charging": False}),
+    }
+    return replace(case, config=config.model_copy(update=changed))
 
 
 def ends_program(state: State) -> bool:
