@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from dealib.device import msh, own_mesh, own_strips, sheet, solid, sound
 from dealib.device.laminate import JOIN
+from dealib.device.plane_grid import grid
 from dealib.device.shapes import AnnularStrips, MeshShape
 from dealib.errors import ConfigError
 from dealib.files import whole
@@ -40,7 +41,7 @@ def gmsh_model(config: Config) -> Iterator[Any]:
                 elif laminate.solid:
                     solid.build(gmsh, laminate, config.mesh)
                 else:
-                    laminate.grid(config.mesh).build(gmsh)
+                    grid(laminate, config.mesh).build(gmsh)
         else:
             _read(gmsh, config)
         yield gmsh

@@ -4,31 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from itertools import accumulate, pairwise
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from dealib.device import grading
 from dealib.device.bases import Base
 from dealib.device.grading import Array
 from dealib.device.grid import (
     AIR_BOTTOM,
     AIR_END,
-    AIR_RATIO,
     AIR_START,
     AIR_TOP,
-    Grid,
     Line,
-    growing,
 )
 from dealib.device.kinematics import SOLID, Kinematics, SheetKinematics
-from dealib.device.records import AIR, Region, Sizes, Support, air
+from dealib.device.records import Region, Sizes, Support, air
 
 MOUNT_BLOCK, FRAME_BLOCK = "mount_block", "frame_block"
 AXIS = "axis"
-_BLOCK_RATIO = 1.35  # growth of the blocks' cells away from the layers' ends
-_FEWEST = 6  # columns of a part of the base
 JOIN = "&"  # between the names of a boundary that has several
 
 Span = tuple[float, float]
@@ -183,7 +177,7 @@ class Laminate:
         if len(self.kinematics.axes) == 3:
             symmetry = [f"symmetry_{axis}" for axis in self.symmetry]
             return (*filter(None, ends), *symmetry, *self.faces, *self.patches)
-        groups = self._lines(self.breaks(base.along, base.limits))
+        groups = self.lines(self.breaks(base.along, base.limits))
         return tuple(dict.fromkeys(name for group in groups for name in group.split(JOIN)))
 
     def middle(self) -> float:
@@ -232,33 +226,7 @@ class Laminate:
             return AIR_START, AIR_END
         return tuple(f"air_{end}" for end in self.base.ends)
 
-    # --- mesh ------------------------------------------------------------------------------------
-
-    def grid(self, mesh: Any) -> Grid:
-        """Grid of a plane mesh.
-
-        Args:
-            mesh: The config's section.
-        """
-        base = self.base
-        along = self.breaks(base.along, base.limits)
-        levels = list(
-            accumulate((x.thickness for x in self.layers), initial=base.bottom(self.thickness))
-        )
-        columns = self.columns(along, mesh)
-        spacing = {("along", i): s for i, s in enumerate(columns)}
-        for j, layer in enumerate(self.layers):
-            rows = layer.rows or (mesh.electrode_rows if layer.conducts else mesh.film_rows)
-            spacing["across", j] = np.linspace(0, 1, rows + 1)
-        cells, lines = self._cells(along), self._lines(along)
-        if self.blocks is not None:
-            along, levels = self._add_blocks(along, levels, spacing, cells, lines)
-        size = None
-        if self.air_height > 0:
-            size = mesh.air_size or self.air_height / 5
-            levels = self._add_air(along, levels, spacing, cells, lines)
-        swapped = base.across == self.kinematics.axes[0]
-        return Grid(tuple(along), tuple(levels), spacing, cells, lines, size, swapped)
+    # --- where layers and patches are ------------------------------------------------------------
 
     def breaks(self, axis: str, limits: Span) -> list[float]:
         """Coordinates along an axis at which a layer or a patch begins or ends."""
@@ -268,59 +236,11 @@ class Laminate:
                 found.append(x)
         return [*found, limits[1]]
 
-    def columns(
-        self,
-        along: list[float],
-        mesh: Any,
-        fine: tuple[bool, bool] | None = None,
-        across: bool = False,
-    ) -> list[Array]:
-        """Spacing of each part of a line: fine at ends, clamps and edges of electrodes.
-
-        Args:
-            along: Where parts begin and end.
-            mesh: The config's section.
-            fine: Whether it is fine at both ends; by default but where the base has no end.
-            across: Whether it is a line across the base.
-        """
-        first, last = fine or (self.base.ends[0] is not None, True)
-        length, wanted = along[-1] - along[0], 2 * mesh.sectors if across else mesh.columns
-        films = [x for x in self.layers if not x.conducts]
-        cross = min(x.thickness / (x.rows or mesh.film_rows) for x in films)
-        if self.solid:  # cells are few: they shall resolve the layer of this width at a clamp
-            cross = min(x.thickness / 2 for x in films)
-        if self.sheet:  # which has no such layer
-            cross = length
-        found = []
-        for k, (a, b) in enumerate(pairwise(along)):
-            cells = wanted
-            if len(along) > 2:
-                cells = max(_FEWEST, 2 * round(wanted * (b - a) / length / 2))
-            end = min(cross, (b - a) / cells) / (b - a)
-            ends = (first or k > 0, last or k < len(along) - 2)
-            if mesh.grading == "uniform":
-                found.append(np.linspace(0, 1, cells + 1))
-            elif mesh.grading == "tanh":
-                found.append(grading.tanh(cells))
-            elif all(ends):
-                found.append(grading.ends(cells, end))
-            else:  # at the axis, or a plane of symmetry, nothing is steep
-                one = grading.geometric(cells, end)
-                found.append(one if ends[0] else 1 - one[::-1])
-        return found
-
-    def _covers(self, within: Part | None, a: float, b: float) -> bool:
+    def covers(self, within: Part | None, a: float, b: float) -> bool:
+        """Whether what lies within a part lies between two places along the base, too."""
         return within is None or bool(within.covers({self.base.along: (a + b) / 2}))
 
-    def _cells(self, along: list[float]) -> dict[tuple[int, int], str]:
-        found = {}
-        for i, (a, b) in enumerate(pairwise(along)):
-            for j, layer in enumerate(self.layers):
-                if self._covers(layer.within, a, b):
-                    found[i, j] = layer.name
-        return found
-
-    def _lines(self, along: list[float]) -> dict[str, list[Line]]:
+    def lines(self, along: list[float]) -> dict[str, list[Line]]:
         """Ends and faces; a line of several names is in a group of its own (see `JOIN`).
 
         Where a conductor touches a dielectric, their interface has the dielectric's name alone.
@@ -333,7 +253,7 @@ class Laminate:
             found[name] = [
                 (i, j, "across")
                 for j, layer in enumerate(self.layers)
-                if self._covers(layer.within, a, b)
+                if self.covers(layer.within, a, b)
             ]
         middles = {self.base.along: np.array([(a + b) / 2 for _, (a, b) in parts])}
         for names, level, mask in self.interfaces(middles):
@@ -385,78 +305,3 @@ class Laminate:
                     for found in (((*names, patch), mask & inside), (names, mask & ~inside))
                 ]
         yield from ((names, level, mask) for names, mask in parts if mask.any())
-
-    def _add_blocks(
-        self,
-        along: list[float],
-        levels: list[float],
-        spacing: dict[tuple[str, int], Array],
-        cells: dict[tuple[int, int], str],
-        lines: dict[str, list[Line]],
-    ) -> tuple[list[float], list[float]]:
-        """Put the blocks around what there is; returns the new grid lines."""
-        assert self.blocks is not None
-        width, height = self.blocks.width, self.blocks.height
-        columns, rows = len(along) - 1, len(levels) - 1
-        end = float(spacing["along", 0][1]) * (along[1] - along[0])
-        across = growing(width, end, _BLOCK_RATIO)
-        up = growing(height - self.thickness / 2, end, _BLOCK_RATIO)
-        _shift(spacing, cells, lines, 1, 1)
-        spacing |= {("across", 0): 1 - up[::-1], ("across", rows + 1): up}
-        spacing |= {("along", 0): 1 - across[::-1], ("along", columns + 1): across}
-        for j in range(rows + 2):
-            cells[0, j] = MOUNT_BLOCK
-            cells[columns + 1, j] = FRAME_BLOCK
-        middle = self.middle()
-        return (
-            [along[0] - width, *along, along[-1] + width],
-            [middle - height, *levels, middle + height],
-        )
-
-    def _add_air(
-        self,
-        along: list[float],
-        levels: list[float],
-        spacing: dict[tuple[str, int], Array],
-        cells: dict[tuple[int, int], str],
-        lines: dict[str, list[Line]],
-    ) -> list[float]:
-        """Put air above and below; returns the new levels."""
-        first, low, high = spacing["along", 0], levels[0], levels[-1]
-        if self.blocks is None:  # gaps beside layers that cover a part only
-            for i in range(len(along) - 1):
-                for j in range(len(levels) - 1):
-                    cells.setdefault((i, j), AIR)
-            nearest = 2 * min(
-                float(d) * (b - a)
-                for k, (a, b) in enumerate(pairwise(along))
-                for d in (np.diff(spacing["along", k])[[0, -1]])
-            )
-        else:
-            nearest = self.blocks.width * float(first[-1] - first[-2])
-        bottom = self.middle() - self.air_height
-        if self.base.across == "R":
-            bottom = max(bottom, 0.0)
-        top = self.middle() + self.air_height
-        _shift(spacing, cells, lines, 0, 1)
-        spacing["across", 0] = 1 - growing(low - bottom, nearest, AIR_RATIO)[::-1]
-        spacing["across", len(levels)] = growing(top - high, nearest, AIR_RATIO)
-        return [bottom, *levels, top]
-
-
-def _shift(
-    spacing: dict[tuple[str, int], Array],
-    cells: dict[tuple[int, int], str],
-    lines: dict[str, list[Line]],
-    along: int,
-    across: int,
-) -> None:
-    """Number everything anew after grid lines were put before the first ones."""
-    moved = {(w, k + (along if w == "along" else across)): s for (w, k), s in spacing.items()}
-    spacing.clear()
-    spacing |= moved
-    shifted = {(i + along, j + across): region for (i, j), region in cells.items()}
-    cells.clear()
-    cells |= shifted
-    for name, found in lines.items():
-        lines[name] = [(i + along, j + across, way) for i, j, way in found]

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from dealib.device.grading import Array
 from dealib.device.laminate import AXIS, JOIN, Laminate
 from dealib.device.plan import middles
+from dealib.device.plane_grid import columns
 from dealib.device.solid import LaminateDraft
 
 Ints = npt.NDArray[np.int64]
@@ -79,7 +80,7 @@ def _line(laminate: Laminate, mesh: Any) -> tuple[Array, Ints, dict[str, Ints]]:
     """Points (nodes, 1), cells (cells, 3; the middle last) and ends of the base as a line."""
     base = laminate.base
     breaks = laminate.breaks(base.along, base.limits)
-    spacing = laminate.columns(breaks, mesh)
+    spacing = columns(laminate, breaks, mesh)
     parts = [a + s[:-1] * (b - a) for (a, b), s in zip(pairwise(breaks), spacing, strict=True)]
     points = middles(np.append(np.concatenate(parts), breaks[-1]))
     i = np.arange(0, len(points) - 2, 2)

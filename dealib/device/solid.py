@@ -14,6 +14,7 @@ from dealib.device.grading import Array
 from dealib.device.grid import AIR_BOTTOM, AIR_RATIO, AIR_TOP, growing
 from dealib.device.laminate import JOIN, Laminate
 from dealib.device.plan import Plan, middles
+from dealib.device.plane_grid import columns
 from dealib.device.records import AIR
 
 Ints = npt.NDArray[np.int64]
@@ -65,7 +66,7 @@ class LaminateDraft:
     ) -> Array:
         """See `bases.Draft`."""
         breaks = self.parts(axis, limits)
-        spacing = self.laminate.columns(breaks, self.mesh, fine, across=axis == "Y")
+        spacing = columns(self.laminate, breaks, self.mesh, fine, across=axis == "Y")
         found = [np.array([breaks[0]])]
         for (a, b), s in zip(pairwise(breaks), spacing, strict=True):
             found.append(a + s[1:] * (b - a))
