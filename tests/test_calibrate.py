@@ -83,6 +83,7 @@ def test_example_finds_the_true_values(tmp_path, monkeypatch, capsys):
     assert (out / "parameters.csv").read_text() == before
 
 
+@pytest.mark.slow
 def test_branches_are_found_from_a_relaxation_curve(tmp_path, monkeypatch, capsys):
     out = tmp_path / "fit"
     given = (FITS / "relaxation.yaml", "--out", out, "-j", 2)

@@ -365,6 +365,7 @@ def gent_trial(folder, seed, noise=0.005):
     return fit(folder / "trial.yaml").found
 
 
+@pytest.mark.slow
 def test_truth_lies_in_the_intervals_in_95_of_100_trials_with_noise_in_x_and_y(tmp_path):
     """Two parameters, 100 trials: 190 of 200 expected, with a standard deviation of 3."""
     hits = []
