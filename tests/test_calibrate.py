@@ -116,7 +116,7 @@ class Lines:
 
     solved = 0
 
-    def histories(self, cases):
+    def histories(self, cases, spectra):
         found = []
         for case in cases:
             film = case.config.materials["film"]
