@@ -107,7 +107,7 @@ def test_a_platform_on_an_annulus_moves_and_rocks():
     """
     base = {"kind": "annulus", "inner_radius": "10 mm", "outer_radius": "20 mm"}
     film_mass = RHO * 0.25 * np.pi * 10.0**2
-    plate = {"on": "inner", "along": "Z", "mass": f"{10 * film_mass * 1e6!r} g"}
+    plate = {"on": "inner", "along": "Z", "mass": f"{10 * film_mass * 1e6:.17g} g"}
     exact = hertz(frequencies.plunging_plate(2, 10.0, 20.0, 10 * np.pi * 10.0**2), 1.2, 0.25)
     given = film(
         base,
@@ -166,7 +166,7 @@ def test_a_balloon_breathes_slower_under_voltage(tmp_path):
     shares = (0.0, 0.1, 0.3)
     unit = H * np.sqrt(G / EPSILON)
     stages = [
-        {"stage": f"{v}", "terminal": {"voltage": f"{v * unit!r} kV"}, "steps": 1} for v in shares
+        {"stage": f"{v}", "terminal": {"voltage": f"{v * unit:.17g} kV"}, "steps": 1} for v in shares
     ]
     text = YAML(typ="safe").load((CONFIGS / "devices/balloon.yaml").read_text())
     text["geometry"]["file"] = str(mesh)
@@ -235,7 +235,7 @@ def test_a_mass_on_a_film_under_voltage():
         program=[
             {"stage": "push", "mount": {"displacement": "-2 mm"}, "steps": 4},
             {"stage": "charge", "terminal": {"voltage": "2.5 kV"}, "steps": 3},
-            {"stage": "let go", "mount": {"force": f"{last['force_N']!r} N"}},
+            {"stage": "let go", "mount": {"force": f"{last['force_N']:.17g} N"}},
         ],
     )
     rows = [state.row for state in simulation(free)]
@@ -252,8 +252,8 @@ def test_a_mass_on_a_film_under_voltage():
         "3 g",
         program=[
             {"stage": "push", "mount": {"displacement": "-2 mm"}, "steps": 4},
-            {"stage": "charge", "terminal": {"charge": f"{charge!r} uC"}, "steps": 3},
-            {"stage": "let go", "mount": {"force": f"{last['force_N']!r} N"}},
+            {"stage": "charge", "terminal": {"charge": f"{charge:.17g} uC"}, "steps": 3},
+            {"stage": "let go", "mount": {"force": f"{last['force_N']:.17g} N"}},
         ],
     )
     other = found(open_, 1).iloc[0]
@@ -265,7 +265,7 @@ def test_a_mass_on_a_film_under_voltage():
 
 
 CORK = {
-    **{"law": "neo_hookean", "shear_modulus": "1 MPa", "bulk_modulus": f"{2 / 3!r} MPa"},
+    **{"law": "neo_hookean", "shear_modulus": "1 MPa", "bulk_modulus": f"{2 / 3:.17g} MPa"},
     **{"relative_permittivity": 3.0, "density": "1e-3 kg/m^3"},
 }
 
@@ -327,7 +327,7 @@ def test_a_mode_that_grows_has_a_negative_frequency():
         holds=[{"on": ["left", "right"], "fix": ["X", "Z"]}],
         program=[
             {"stage": "rest"},
-            {"stage": "press", "terminal": {"voltage": f"{volts!r} kV"}, "steps": 2},
+            {"stage": "press", "terminal": {"voltage": f"{volts:.17g} kV"}, "steps": 2},
         ],
     )
     watch = Watch(["rest", "press"], None, 2)

@@ -65,7 +65,7 @@ def test_it_begins_with_the_small_signal_columns(free):
     h = 1e-3
     ends = []
     for sign in (1, -1):
-        program[1]["terminal"] = {"voltage": f"{2.5 + sign * h!r} kV"}
+        program[1]["terminal"] = {"voltage": f"{2.5 + sign * h:.17g} kV"}
         other = loaded("3 g", program=program, mesh={"columns": 20, "film_rows": 1})
         *_, end = (state.row for state in simulation(other))
         ends.append(end["displacement_mm" if free else "force_N"])
@@ -120,7 +120,7 @@ def test_a_small_motion_in_time_has_the_same_spectrum():
     branch = {"shear_modulus": "0.3 MPa", "relaxation_time": "2 ms"}
     hertz, periods, per = 180.0, 9, 60
     wave = {"mean": "5 kV", "amplitude": "50 V", "frequency": f"{hertz} Hz", "rise": "10 ms"}
-    swing = {"stage": "swing", "dynamic": True, "duration": f"{periods / hertz!r} s"}
+    swing = {"stage": "swing", "dynamic": True, "duration": f"{periods / hertz:.17g} s"}
     swing |= {"terminal": {"voltage": wave}, "steps": periods * per}
     pull = {"stage": "pull", "mount": {"force": "0 N"}, "terminal": {"voltage": "5 kV"}}
     still = {"stage": "still", "duration": "1 s", "steps": 2}
@@ -175,7 +175,7 @@ THICKNESS = 4.7 * 8.8541878128e-12 / CAPACITANCE * 1e3  # mm
 
 def plates(base: dict[str, Any], contact: str, electrode: str = "", **sections: Any) -> Any:
     """A flat film with resistive electrodes, without voltage."""
-    film = {"name": "film", "thickness": f"{THICKNESS!r} mm"}
+    film = {"name": "film", "thickness": f"{THICKNESS:.17g} mm"}
     layers, materials = [film], {"film": SOFT | {"bulk_modulus": "1 MPa"}}
     if electrode:
         sheet = {"thickness": electrode, "material": "electrode"}
