@@ -166,7 +166,8 @@ def test_a_balloon_breathes_slower_under_voltage(tmp_path):
     shares = (0.0, 0.1, 0.3)
     unit = H * np.sqrt(G / EPSILON)
     stages = [
-        {"stage": f"{v}", "terminal": {"voltage": f"{v * unit:.17g} kV"}, "steps": 1} for v in shares
+        {"stage": f"{v}", "terminal": {"voltage": f"{v * unit:.17g} kV"}, "steps": 1}
+        for v in shares
     ]
     text = YAML(typ="safe").load((CONFIGS / "devices/balloon.yaml").read_text())
     text["geometry"]["file"] = str(mesh)
