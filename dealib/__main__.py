@@ -12,6 +12,7 @@ import dealib.cli.clock  # noqa: F401 - starts it
 from dealib.errors import FAULT, ConfigError, DealibError, Interrupted
 
 os.environ.setdefault("MPLBACKEND", "Agg")  # pictures go to files, with a screen or without
+_PATIENCE = 3.0  # seconds
 
 
 def main() -> None:
@@ -34,6 +35,8 @@ def main() -> None:
         code = _unforeseen(error)
     if not everywhere:
         _abort_all_ranks(code)
+    if code:
+        _let_the_first_rank_tell()
     sys.exit(flushed(code))
 
 
@@ -112,6 +115,15 @@ def _abort_all_ranks(code: int) -> None:
         sys.stderr.flush()
         time.sleep(0.5)  # for mpirun to pass it on: an abort kills those that do
         MPI.COMM_WORLD.Abort(code)
+
+
+def _let_the_first_rank_tell() -> None:
+    """Whoever ends first with an error ends all others, on Open MPI 5 before they have spoken."""
+    from dealib.cli.root import rank
+
+    if rank() > 0 and "mpi4py.MPI" not in sys.modules:  # whose end waits for all
+        sys.stderr.flush()
+        time.sleep(_PATIENCE)
 
 
 if __name__ == "__main__":

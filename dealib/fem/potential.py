@@ -167,6 +167,11 @@ class Problem:
     def _tags(self) -> Any:
         return self.domain.tagged(self._places)
 
+    @property
+    def everywhere(self) -> Any:
+        """Integration over all cells; dolfinx 0.9 wants the same tags in all parts of a form."""
+        return self._measure("dx", self._tags)
+
     def measure(self, group: str) -> Any:
         """Integration over a group of regions."""
         found = self._group(group)

@@ -125,7 +125,8 @@ def problem_on(domain: Domain, config: Config) -> Problem:
     if sheet:
         volts = {port.name: values[port.name] for port in device.of(TERMINAL)}
         problem.sheet = SheetModel(
-            *(domain, spaces, groups, problem.densities, volts, degree), _slack(config, groups)
+            *(domain, spaces, groups, problem.densities, volts, degree, problem.everywhere),
+            _slack(config, groups),
         )
     return problem
 

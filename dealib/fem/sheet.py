@@ -167,6 +167,7 @@ class SheetModel:
         densities: Elastic energy of a layer without branches, the electric one, and the sum of all.
         ports: Voltages of the terminals by name, UFL variables of constants.
         degree: Quadrature degree.
+        measure: Integration over all cells.
         slack: Stiffness that a wrinkled sheet keeps, of each part of the base, N/mm; None for taut
             sheets.
     """
@@ -179,6 +180,7 @@ class SheetModel:
         densities: Densities,
         ports: Mapping[str, Any],
         degree: int,
+        measure: Any,
         slack: Mapping[str, float] | None = None,
     ) -> None:
         kinematics = domain.device.kinematics
@@ -204,7 +206,6 @@ class SheetModel:
         points = len(compat.quadrature(mesh, degree)[0])
         self._points, self.wrinkles = points, {}
         self.reference = compat.quadrature(mesh, degree)[0]
-        measure = ufl.Measure("dx", domain=mesh, metadata={"quadrature_degree": degree})
         self._volume, self._measure = kinematics.volume(x), measure
         self._slack = None if slack is None else kinematics.gradient_square(self._u, x) / 2
         for area, share in (slack or {}).items():
