@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 from laminates import config, layer, rows
 from scipy.optimize import curve_fit
-from test_dynamics import After
+from test_dynamics import SCRIPT, After
+from test_parallel import finish, start
 
 import dealib
 from dealib.config import resolved
@@ -139,3 +140,23 @@ def test_what_does_not_go_with_it():
     both = {"sheet_resistance": "1 kohm", "charging": True, "differential": True}
     with pytest.raises(ValueError, match=r"does not go with sensing\.differential"):
         config("strip", sensing=both)
+
+
+@pytest.mark.mpi
+def test_two_ranks_charge_alike(tmp_path):
+    stage = {
+        "duration": f"{TAU} s",
+        "steps": 8,
+        "terminal": {"voltage": {"to": "1 kV", "rise": f"{TAU / 4} s"}},
+    }
+    given = line(stage, solver={"time_tolerance": 0})
+    one = dealib.simulate(dealib.Case(given, resolved(given), tmp_path), tmp_path / "one")
+    path = tmp_path / "two.yaml"
+    path.write_text(resolved(given))
+    code, errors = finish(start(2, "-m", "mpi4py", SCRIPT, tmp_path, path))
+    assert code == 0, errors
+    other = dealib.open(tmp_path / "two")
+    for name in ("charge_uC", "electrode_loss_mJ"):
+        expected = one.history[name].to_numpy()
+        within = 1e-8 * np.abs(expected).max()
+        assert other.history[name].to_numpy() == pytest.approx(expected, abs=within), name

@@ -120,22 +120,16 @@ class Engine:
             inertia.enter()
         system.inertia = inertia if dynamic else None
 
-    def charges(self) -> Any:
-        """Charges of electrodes that charge in time (see `Charging.gather`)."""
-        system = self.newton.system
-        if system.charging is None:
-            return None
-        found = system.charging.gather(self.layout)
-        system.expand(system.q)
-        return found
+    def in_time(self) -> dict[str, Any]:
+        """What goes on in time besides, on rank 0: 'rates' and 'charges' (collective).
 
-    def rates(self) -> Any:
-        """Velocities and accelerations of what moves in time (see `Inertia.gather`)."""
+        See `Inertia.gather` and `Charging.gather`; None in equilibrium, and without resistance.
+        """
         system = self.newton.system
-        if system.inertia is None:
-            return None
-        found = system.inertia.gather(self.layout)
-        system.expand(system.q)
+        parts = {"rates": system.inertia, "charges": system.charging}
+        found = {name: part and part.gather(self.layout) for name, part in parts.items()}
+        if any(part is not None for part in parts.values()):
+            system.expand(system.q)
         return found
 
     def check_held(self, at: float) -> None:

@@ -53,14 +53,9 @@ class State:
         return None if viscosity is None else viscosity.gather()
 
     @alone()
-    def charges(self) -> Any:
-        """Charges of resistive electrodes, likewise (see `Charging.gather`); None without."""
-        return self.engine.charges()
-
-    @alone()
-    def rates(self) -> Any:
-        """Velocities and accelerations, likewise (see `Inertia.gather`); None in equilibrium."""
-        return self.engine.rates()
+    def in_time(self) -> dict[str, Any]:
+        """Velocities and charges of electrodes, likewise (see `Engine.in_time`)."""
+        return self.engine.in_time()
 
 
 class _Measured(NamedTuple):

@@ -44,13 +44,13 @@ class Recorder:
         begin = time.perf_counter()
         ends = state.end_of_stage or state.lost
         stored = self._wanted == "every" or (self._wanted == "stage" and ends)
-        nodal, internal, rates = state.nodal(), state.internal(), state.rates()
+        nodal, internal, in_time = state.nodal(), state.internal(), state.in_time()
         values = state.engine.plain()
         if self._writer is not None:
             viscosity = state.engine.viscosity
             at_gauss = None if viscosity is None else viscosity.at_points(internal)
             keep = state.engine.predictor.memory
-            beside = {"internal": internal, "rates": rates, "charges": state.charges()}
+            beside = {"internal": internal, **in_time}
             kept = (nodal, stored, values, keep, beside, at_gauss, state.modes)
             self._writer.add(Record(state.row, *kept))
         self._timings["output"] += time.perf_counter() - begin
