@@ -104,12 +104,14 @@ class Engine:
     def begin(self, duration: float) -> None:
         """Prepare a step from the last converged state, in s."""
         self._flows.begin(duration)
-        if self.newton.system.charging is not None:
-            self.newton.system.charging.begin(duration)
+        system = self.newton.system
+        if system.charging is not None:
+            system.expand(system.q)  # a step that failed may have left the problem elsewhere
+            system.charging.begin(duration)
         if self.viscosity is not None:
             self.viscosity.begin(duration)
-        if self.newton.system.inertia is not None:
-            self.newton.system.begin(duration)
+        if system.inertia is not None:
+            system.begin(duration)
 
     def enter(self, dynamic: bool) -> None:
         """Enter a stage; motion begins and ends at rest (collective)."""
