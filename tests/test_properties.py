@@ -102,7 +102,6 @@ def test_isotropy(law, F, angle):
     assert after == pytest.approx(before, rel=1e-11, abs=1e-13 * law.shear_modulus_at_rest)
 
 
-@settings(max_examples=20)  # UFL is slow in deriving
 @given(laws)
 def test_rest_is_free_of_energy_and_stress(law):
     assert density(hyperelastic(law), np.eye(3)) == 0
@@ -126,7 +125,6 @@ def test_energy_grows_from_rest(law, direction):
     assert curvature > 1.9 * law.shear_modulus_at_rest
 
 
-@settings(max_examples=20)  # UFL is slow in deriving
 @given(laws, deformations(), st.sampled_from([None, (1.2, 0.7, 1.15)]))
 def test_numpy_stress_is_the_derivative_of_the_energy_of_the_forms(law, F, prestretch):
     """P = F S, S from numpy, P from UFL: the results show what the solver solved."""
