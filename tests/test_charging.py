@@ -116,6 +116,43 @@ def test_layers_conduct_as_faces_do():
     assert other == pytest.approx(one, rel=5e-3)
 
 
+def test_three_dimensions_and_two_terminals_charge_alike():
+    """A strip solved in its plane; the same with its width; and two of them on one ground."""
+    stage = {"stage": "charge", "duration": f"{TAU} s", "steps": 6}
+    rise = {"voltage": {"to": "1 kV", "rise": f"{TAU / 4} s"}}
+    films = [layer(name, "0.1 mm", material="film") for name in ("film", "second")]
+    ends = {"low": {"on": "film.bottom"}, "high": {"on": "second.top"}}
+    ground = {"ground": {"on": "film.top", "ground": True}}
+    found = []
+    for geometry, terminals, inputs in (
+        ({"layers": films[:1]}, None, {"terminal": rise}),
+        ({"layers": films[:1], "space": "3d"}, None, {"terminal": rise}),
+        ({"layers": films}, ends | ground, {"terminals": {"low": rise, "high": rise}}),
+    ):
+        given = config(
+            "strip",
+            geometry=geometry,
+            terminals=terminals,
+            materials={"film": STIFF},
+            mesh={"columns": 16, "sectors": 2},
+            sensing={"sheet_resistance": "1 Mohm", "charging": True},
+            solver={"time_tolerance": 0},
+        )
+        charge = Stage.model_validate(stage | inputs)
+        found.append(pd.DataFrame(rows(given.model_copy(update={"program": (charge,)}))))
+    plane, space, stack = found
+    for name in ("charge_uC", "electrode_loss_mJ"):
+        most = plane[name].max()
+        assert space[name].to_numpy() == pytest.approx(plane[name], abs=1e-3 * most), name
+    apart = stack[["charge_uC.low", "charge_uC.high"]]
+    assert apart["charge_uC.low"].to_numpy() == pytest.approx(apart["charge_uC.high"], rel=1e-6)
+    # the ground carries the charge of both, over as much resistance again: slower
+    later = apart.sum(axis=1).to_numpy()[1:4] / 2 / plane["charge_uC"].to_numpy()[1:4]
+    assert (later < 0.99).all()
+    residual = np.abs(stack["energy_residual_mJ"]).max()
+    assert residual < 2e-2 * 2 * CAPACITANCE
+
+
 def test_a_resumed_run_goes_on_charging(tmp_path):
     stage = {
         "duration": f"{TAU} s",

@@ -372,6 +372,25 @@ def test_the_resonance_of_the_gallery():
     assert (np.diff(f) < 0).all()
 
 
+def test_modes_keep_their_numbers_where_frequencies_cross():
+    """A pulled strip: bending gets stiffer, and motion along it softer."""
+    given = beam(
+        geometry={"layers": [{"name": "film", "thickness": "0.7 mm"}]},
+        mounts={"grip": {"on": "right", "along": "X"}},
+        holds=[{"on": "left", "fix": ["X", "Z"]}, {"on": "right", "fix": "Z"}],
+        program=[{"stage": "pull", "mount": {"displacement": "2 mm"}, "steps": 6}],
+    )
+    watch = Watch((), "pull", 5)
+    for state in simulation(given):
+        watch(state)
+    curve = pd.DataFrame(watch.curve)
+    f = curve[[f"frequency_Hz.{k}" for k in range(1, 6)]].to_numpy()
+    assert (np.sign(np.diff(f, axis=0)) == [1, 1, 1, -1, 1]).all()
+    assert f[0, 2] < f[0, 3]
+    assert f[1, 2] > f[1, 3]
+    assert [row["frequency_Hz"] for row in watch.rows] == pytest.approx(np.sort(f[-1]), rel=1e-9)
+
+
 # --- the command ---------------------------------------------------------------------------------
 
 SMALL = """\

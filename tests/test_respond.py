@@ -12,12 +12,14 @@ import pytest
 from conftest import CONFIGS, case
 from laminates import config, simulation
 from test_modes import DENSITY, SOFT, beam, command, loaded, small  # noqa: F401 - a fixture
+from test_own_mesh import film, written
 from test_parallel import PATIENCE
 from verification.references import line, oscillator
 from verification.references import sound as references
 
 import dealib
 from dealib.cli.mpi import environment, mpirun
+from dealib.config import Config
 from dealib.errors import ConfigError, ValueAt
 from dealib.fem.response import Response, relaxed_state
 from dealib.program.modes import Watch, at_rest
@@ -167,6 +169,27 @@ def test_branches_have_relaxed_before():
     assert fast[1] != pytest.approx(slow[1], rel=1e-2)
 
 
+@pytest.mark.parametrize("damped", [False, True])
+def test_what_holds_a_mount_feels_all_that_moves(damped):
+    """A mount of a thousand tonnes moves by the force that holds one which cannot move."""
+    damping = {"damping": {"mass": "400 1/s", "stiffness": "20 us"}} if damped else {}
+    sections = {"mesh": {"columns": 12, "film_rows": 1}} | damping
+    hertz, heavy = np.array([900.0, 2500.0]), 1e6  # beside modes of the film, kg
+    push = [
+        {"stage": "push", "mount": {"displacement": "-2 mm"}, "steps": 4},
+        {"stage": "charge", "terminal": {"voltage": "2.5 kV"}, "steps": 3},
+    ]
+    held, row = spectrum(loaded(f"{heavy} kg", program=push, **sections), hertz)
+    force = f"{row['force_N']:.17g} N"
+    push.append({"stage": "let go", "mount": {"force": force}})
+    free, _ = spectrum(loaded(f"{heavy} kg", program=push, **sections), hertz)
+    moved = complex_of(free, "displacement_mm_per_kV", "phase_deg")
+    omega, rate = 2 * np.pi * hertz, 400 if damped else 0.0
+    weight = (omega**2 - 1j * omega * rate) * heavy * 1e-3  # t
+    found = complex_of(held, "force_N_per_kV", "force_phase_deg")
+    assert found == pytest.approx(weight * moved, rel=1e-5)
+
+
 # --- resistive electrodes ------------------------------------------------------------------------
 
 RHO, CAPACITANCE = 10e3, 1e-7  # ohm a square, F/m^2
@@ -183,7 +206,7 @@ def plates(base: dict[str, Any], contact: str, electrode: str = "", **sections: 
         rubber = {"law": "neo_hookean", "youngs_modulus": "1 MPa", "density": "1000 kg/m^3"}
         materials["electrode"] = rubber
     given: dict[str, Any] = {
-        "geometry": {"base": base, "layers": layers},
+        "geometry": {"base": base, "layers": layers} | sections.pop("geometry", {}),
         "materials": materials,
         "mesh": {"columns": 40, "film_rows": 1},
         "sensing": {"sheet_resistance": f"{RHO} ohm", "contact": contact},
@@ -222,6 +245,68 @@ def test_a_resistive_electrode_is_a_transmission_line(base, contact, electrode, 
         )
 
 
+def test_in_three_dimensions_it_is_the_same_line():
+    """A strip fed at one end conducts along itself only."""
+    tau = 2 * RHO * CAPACITANCE * 0.1**2
+    omega = np.array([0.3, 3.0, 30.0]) / tau
+    mesh = {"columns": 40, "film_rows": 1, "sectors": 2}
+    given = plates(STRIP, "left", mesh=mesh, geometry={"space": "3d"})
+    table, _ = spectrum(given, omega / (2 * np.pi))
+    Z = 1e6 * complex_of(table, "impedance_Mohm", "impedance_phase_deg")
+    assert np.abs(Z / [line.strip(SHEETS, w, 0.1, 0.02) for w in omega] - 1).max() < 1e-3
+
+
+def test_terminals_of_a_stack_couple_through_the_electrode_between_them():
+    """Two films on one resistive ground: reciprocal, and in sum what both wired together are."""
+    films = [
+        {"name": name, "thickness": f"{THICKNESS:.17g} mm", "material": "film"}
+        for name in ("film", "second")
+    ]
+    ground = {"ground": {"on": "film.top", "ground": True}}
+    hertz = np.array([1.0, 10.0]) / (2 * RHO * CAPACITANCE * 0.1**2) / (2 * np.pi)
+    wired = {"both": {"on": ["film.bottom", "second.top"]}} | ground
+    apart = {"low": {"on": "film.bottom"}, "high": {"on": "second.top"}} | ground
+
+    def charges(terminals, of):
+        given = plates(STRIP, "left", geometry={"layers": films}, terminals=terminals)
+        table, _ = spectrum(given, hertz, of=of)
+        return {
+            name: complex_of(table, f"charge_uC_per_kV{end}", f"charge_phase_deg{end}")
+            for name in terminals
+            for end in ["." + name if len(terminals) > 2 else ""]
+            if name != "ground"
+        }
+
+    one, other, both = charges(apart, "low"), charges(apart, "high"), charges(wired, "both")
+    assert np.abs(one["high"]).min() > 0.1 * np.abs(both["both"]).min()
+    assert one["high"] == pytest.approx(other["low"], rel=1e-9)
+    total = sum(one.values()) + sum(other.values())
+    assert total == pytest.approx(both["both"], rel=1e-9)
+
+
+def test_faces_of_a_mesh_file_conduct_from_a_boundary(tmp_path):
+    """The ring of `film`, fed at its outer edge."""
+    written(tmp_path / "m.msh", film("quads"), 1, 0)
+    given = {
+        **{"name": "own", "mesh": {"order": 2}, "program": [{"stage": "rest"}]},
+        "geometry": {"shape": "mesh", "file": str(tmp_path / "m.msh"), "space": "axisymmetric"},
+        "materials": {"rubber": SOFT | {"bulk_modulus": "1 MPa"}},
+        "terminals": {"hot": {"on": "above"}, "ground": {"on": "below", "ground": True}},
+        **{"mounts": {}, "holds": [{"on": "outer", "fix": ["R", "Z"]}]},
+    }
+    sensing = {"sheet_resistance": f"{RHO} ohm"}
+    with pytest.raises(ValueError, match="name the boundary of the mesh at which the electrodes"):
+        Config.model_validate(given | {"sensing": sensing}).check_device()
+    whole = Config.model_validate(given | {"sensing": sensing | {"contact": "outer"}})
+    sheets = line.Sheets(RHO, RHO, 4.7 * 8.8541878128e-12 / 0.5e-3)
+    # charge reaches far against the thickness, as a line assumes
+    omega = np.array([0.1, 1.0]) / (2 * RHO * sheets.capacitance * 0.004**2)
+    table, _ = spectrum(whole, omega / (2 * np.pi), of="hot")
+    Z = 1e6 * complex_of(table, "impedance_Mohm", "impedance_phase_deg")
+    exact = [line.annulus_from_outside(sheets, w, 0.008, 0.012) for w in omega]
+    assert np.abs(Z / exact - 1).max() < 1e-3
+
+
 def test_a_driver_in_series():
     """Resistance and inductance add to the impedance, and take their share of the voltage."""
     given = plates(STRIP, "left")
@@ -254,7 +339,7 @@ def test_an_electrode_must_reach_its_contact():
             "ground": {"on": "film.bottom", "ground": True},
         },
     )
-    with pytest.raises(ValueAt, match=r"of terminal 'hot' does not reach the end 'left'"):
+    with pytest.raises(ValueAt, match=r"of terminal 'hot' does not reach 'left'"):
         spectrum(given, [100.0], of="hot")
 
 

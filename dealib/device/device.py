@@ -7,7 +7,7 @@ from functools import cached_property
 
 from dealib.device.kinematics import Kinematics
 from dealib.device.laminate import Laminate
-from dealib.device.records import Port, PortKind, Region, Sizes, Support
+from dealib.device.records import TERMINAL, Port, PortKind, Region, Sizes, Support
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,12 @@ class Device:
     def solids(self) -> tuple[Region, ...]:
         """Regions with a material."""
         return tuple(r for r in self.regions if r.material is not None)
+
+    @property
+    def ladder(self) -> bool:
+        """Whether electrodes of one terminal conduct along a line, like a ladder of resistors."""
+        plane = self.kinematics.dim == 2 and not self.kinematics.sheet
+        return self.laminate is not None and plane and len(self.of(TERMINAL)) == 1
 
     @property
     def has_air(self) -> bool:

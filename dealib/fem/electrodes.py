@@ -16,7 +16,8 @@ from typing import Any
 
 import ufl
 
-from dealib.config.schema import Config, Sensing
+from dealib.config.schema import Config
+from dealib.config.sensing import Sensing
 from dealib.device.records import PHI, Support
 from dealib.errors import ValueAt
 from dealib.fem.constraints import ConstraintMap, build, support_dofs
@@ -44,16 +45,15 @@ def build_map(domain: Domain, spaces: Spaces, config: Config, resistive: bool) -
     for support in _electrodes(domain):
         if not domain.comm.allreduce(int(support.where in map_.contacted)):
             whose = repr(support.port) if support.port else "ground"
-            told = f"the electrode of terminal {whose} does not reach the end {contact!r}"
+            told = f"the electrode of terminal {whose} does not reach {contact!r}"
             raise ValueAt(where, told)
     return map_
 
 
 def _contact(config: Config) -> str:
     laminate = config.device.laminate
-    assert laminate is not None
-    contact = config.sensing.contact or laminate.base.ends[-1]
-    assert contact is not None
+    contact = config.sensing.contact or (laminate and laminate.base.ends[-1])
+    assert contact
     return contact
 
 
@@ -81,16 +81,16 @@ def power(problem: Any) -> Any:
         k.nominal_field(ufl.split(f(W))[1]) for f in (ufl.TestFunction, ufl.TrialFunction)
     )
     sensing, laminate = problem.config.sensing, device.laminate
-    assert laminate is not None
-    thickness = {layer.name: layer.thickness for layer in laminate.layers}
+    layers = laminate.layers if laminate is not None else ()
+    thickness = {layer.name: layer.thickness for layer in layers}
     names = [support.where for support in _electrodes(problem.domain)]
-    layers = [name for name in names if name in thickness]
-    tags = problem.domain.tagged(tuple((name,) for name in layers)) if layers else None
+    sheets = [name for name in names if name in thickness]
+    tags = problem.domain.tagged(tuple((name,) for name in sheets)) if sheets else None
     found = []
     for name in names:
-        point = problem.point if name in layers else problem.face
+        point = problem.point if name in sheets else problem.face
         C = point.F.T * point.F
-        if name in layers:
+        if name in sheets:
             normal = device.region(name).normal
             N = ufl.as_vector([1.0 if i == normal else 0.0 for i in range(3)])
             stretched = ufl.det(C) * ufl.dot(N, ufl.inv(C) * N)  # a^2
@@ -102,14 +102,14 @@ def power(problem: Any) -> Any:
             stretched = ufl.det(flat)
             inverse, height = P * ufl.inv(flat) * P, 1.0
         density = ufl.dot(one, inverse * other) * _share(sensing, stretched) / height
-        if name in layers:
+        if name in sheets:
             dx = ufl.Measure(
                 "dx",
                 domain=problem.domain.mesh,
                 subdomain_data=tags,
                 metadata={"quadrature_degree": problem.degree},
             )
-            found.append(density * k.volume(point.x) * dx(1 + layers.index(name)))
+            found.append(density * k.volume(point.x) * dx(1 + sheets.index(name)))
         else:
             found.append(problem.over_face(name, density, *(r.name for r in device.solids)))
     return sum(found[1:], found[0])

@@ -13,7 +13,7 @@ saddle form eliminates these.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from petsc4py import PETSc
@@ -28,6 +28,7 @@ from dealib.fem.system import System
 Array = npt.NDArray[np.float64]
 _BELOW, _WIDER = 2.0, 4.0  # a first shift below the lowest one, and how it grows
 _TOLERANCE = 1e-10  # relative, of 1 / (x - shift)
+_ALIKE = 0.5  # (u.M v)^2 of two modes that are taken for the same
 
 
 @dataclass(frozen=True)
@@ -38,11 +39,32 @@ class Modes:
         unstable: Number of independent motions that lower the potential.
         values: x of each mode, ascending.
         shapes: Reduced vectors u with u.M u = 1, the same on every rank: (modes, unknowns).
+        momenta: M u, likewise.
     """
 
     unstable: int
     values: Array
     shapes: Array
+    momenta: Array
+
+    def first(self, count: int) -> Modes:
+        """So many of them."""
+        parts = {name: getattr(self, name)[:count] for name in ("values", "shapes", "momenta")}
+        return replace(self, **parts)
+
+    def again(self, other: Modes) -> Modes:
+        """Those of others that are most like these; x of those that are not found again is NaN."""
+        from scipy.optimize import linear_sum_assignment
+
+        like = (self.momenta @ other.shapes.T) ** 2
+        rows, columns = linear_sum_assignment(-like)
+        same = like[rows, columns] > _ALIKE
+        mine, found = rows[same], columns[same]
+        values = np.full_like(self.values, np.nan)
+        shapes, momenta = self.shapes.copy(), self.momenta.copy()
+        values[mine], shapes[mine] = other.values[found], other.shapes[found]
+        momenta[mine] = other.momenta[found]
+        return Modes(other.unstable, values, shapes, momenta)
 
 
 def lowest(tangent: Any, mass: Any, concave: int, count: int) -> Modes:
@@ -60,7 +82,7 @@ def lowest(tangent: Any, mass: Any, concave: int, count: int) -> Modes:
     factor, shift = Factor(tangent), 0.0
     unstable, neutral = factor.inertia[0] - concave, factor.inertia[1]
     if unstable or neutral:
-        ((nearest,), _) = _nearest(factor, mass, shift, 1, "LM")
+        (nearest,), *_ = _nearest(factor, mass, shift, 1, "LM")
         shift = -_BELOW * abs(nearest)
         while (factor := Factor(tangent - shift * mass)).inertia[0] > concave:
             shift *= _WIDER
@@ -69,8 +91,8 @@ def lowest(tangent: Any, mass: Any, concave: int, count: int) -> Modes:
 
 def _nearest(
     factor: Factor, mass: Any, shift: float, count: int, which: str
-) -> tuple[Array, Array]:
-    """Eigenvalues nearest to a shift, and their vectors in rows, the same on every rank.
+) -> tuple[Array, Array, Array]:
+    """Eigenvalues nearest to a shift, their vectors u in rows, and M u, the same on every rank.
 
     ARPACK runs on every rank on whole vectors; products and solutions are shared out.
     """
@@ -95,7 +117,8 @@ def _nearest(
         tol=_TOLERANCE, OPinv=operators[1],
     )  # fmt: skip
     order = np.argsort(values)
-    return values[order], vectors[:, order].T
+    shapes = vectors[:, order].T
+    return values[order], shapes, np.array([apply(mass.mult, shape) for shape in shapes])
 
 
 def averaged(system: System) -> Any:

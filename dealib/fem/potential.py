@@ -192,7 +192,8 @@ class Problem:
         Args:
             name: Of the boundary.
             density: Per mesh area.
-            regions: Where the facets lie inside the mesh, one of their sides is of these.
+            regions: Where the facets lie inside the mesh, the side that is of these; between two of
+                them the mean of both sides.
         """
         density = density * self.kinematics.volume(self.point.x)
         tags = tuple(tag for _, tag in self.domain.tags(name))
@@ -203,7 +204,7 @@ class Problem:
         chi = fem.Function(V, name="indicator")
         chi.x.array[compat.cell_dofs(V)[self.domain.cells(*regions), 0]] = 1.0
         both = chi("+") * density("+") + chi("-") * density("-")
-        return both * self._measure("dS", self.domain.facet_tags)(tags)
+        return both / (chi("+") + chi("-")) * self._measure("dS", self.domain.facet_tags)(tags)
 
     def _measure(self, sort: str, tags: Any) -> Any:
         return ufl.Measure(

@@ -85,7 +85,8 @@ class Response:
             relaxed = fixed_tangent(system)
         fixed = [name for name, law in system.ports.items() if law.fixed]
         self._columns = {name: {"stiffness": system.column(name)} for name in fixed}
-        self._parts = {"stiffness": relaxed, "mass": system.mass()}
+        self._parts = {"stiffness": relaxed}
+        self._add("mass", system.mass())
         self._times = sorted(
             {b.relaxation_time for m in system.problem.config.solids.values() for b in m.branches}
         )
@@ -102,12 +103,18 @@ class Response:
         if damping.stiffness:
             with _relaxed(viscosity):
                 system.expand(system.q)
-                self._parts["damping"] = system.stiffness(fixed)
+                self._add("damping", system.stiffness())
                 system.expand(system.q)
         if conducts:
-            self._parts["conductance"] = conduction.conductance(system)
+            self._add("conductance", conduction.conductance(system))
         self._damping = damping
         self._pairs = Pairs(self._parts)
+
+    def _add(self, name: str, part: Any) -> None:
+        """Add a part, whose columns of prescribed ports tell what it does to these."""
+        for port, column in self.system.take(part).items():
+            self._columns[port][name] = column
+        self._parts[name] = part
 
     def at(self, frequencies: Sequence[float]) -> Iterator[Change]:
         """The response at some frequencies in order, Hz (collective)."""

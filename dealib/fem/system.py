@@ -246,9 +246,7 @@ class System:
                 for name in summed:
                     self._add(matrix, name, self.ports[name].weights)
                 matrix.assemble()
-            rows = {n: self.map.ports[n] for n, p in self.ports.items() if p.fixed}
-            self._eliminated = {name: self._column(matrix, name) for name in rows}
-            matrix.zeroRowsColumns(list(rows.values()) if self.map.comm.rank == 0 else [], 1.0)
+            self._eliminated = self.take(matrix, 1.0)
 
     def _add(self, matrix: Any, name: str, weights: Iterable[tuple[str, float]]) -> None:
         """Add to the row of a port, in the columns of ports."""
@@ -260,13 +258,24 @@ class System:
         """Column of a prescribed port that the last tangent has lost."""
         return self._eliminated[port]
 
-    def _column(self, matrix: Any, port: str) -> Any:
-        unit, column = self.q.duplicate(), self.q.duplicate()
-        unit.set(0.0)
-        self.map.set_port(unit, port, 1.0)
-        unit.assemble()
-        matrix.mult(unit, column)
-        return column
+    def take(self, matrix: Any, diagonal: float = 0.0) -> dict[str, Any]:
+        """Columns of the prescribed ports, which a matrix then has no longer (collective).
+
+        Args:
+            matrix: Of the reduced unknowns, symmetric.
+            diagonal: What is left on its diagonal there.
+        """
+        columns, rows = {}, []
+        for name, law in self.ports.items():
+            if law.fixed:
+                unit, columns[name] = self.q.duplicate(), self.q.duplicate()
+                unit.set(0.0)
+                self.map.set_port(unit, name, 1.0)
+                unit.assemble()
+                matrix.mult(unit, columns[name])
+                rows.append(self.map.ports[name])
+        matrix.zeroRowsColumns(rows if self.map.comm.rank == 0 else [], diagonal)
+        return columns
 
     def eliminate(self, right: Any) -> None:
         """Make a right-hand side fit the last tangent: take the prescribed ports' steps out of it.
@@ -313,7 +322,7 @@ class System:
         matrix.assemblyEnd(PETSc.Mat.AssemblyType.FLUSH)
 
     def mass(self) -> Any:
-        """Mass matrix of the current state (collective), t; prescribed ports have none.
+        """Mass matrix of the current state (collective), t.
 
         Ports that no degree of freedom follows, potentials and pressures have rows of zeros.
         """
@@ -325,8 +334,6 @@ class System:
         for port in self.problem.device.ports:
             self._add(matrix, port.name, [(port.name, inertia.own_mass(port.name))])
         matrix.assemble()
-        fixed = [map_.ports[n] for n, law in self.ports.items() if law.fixed]
-        matrix.zeroRowsColumns(fixed if map_.comm.rank == 0 else [], 0.0)
         return matrix
 
     def begin(self, duration: float) -> None:
@@ -342,20 +349,15 @@ class System:
         moved.damp(self.stiffness())
         self.expand(self.q)
 
-    def stiffness(self, fixed: Iterable[str] = ()) -> Any:
-        """Second derivatives of the potential by displacements alone, at the problem's state.
-
-        Args:
-            fixed: Ports that do not move.
-        """
+    def stiffness(self) -> Any:
+        """Second derivatives of the potential by displacements alone, at the problem's state."""
         matrix = self.matrix.copy()
         matrix.zeroEntries()
         self._assemble(matrix)
         matrix.assemble()
         still = [self.map.numbers(f) for f in FIELDS if f != "displacement"]
         others = [p.name for p in self.problem.device.ports if p.kind not in (MOUNT, TURN)]
-        none = [*others, *fixed] if self.map.comm.rank == 0 else []
-        ports = [self.map.ports[name] for name in none]
+        ports = [self.map.ports[n] for n in (others if self.map.comm.rank == 0 else [])]
         matrix.zeroRowsColumns(np.concatenate([*still, ports]).astype(np.int32), 0.0)
         return matrix
 

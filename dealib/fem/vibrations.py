@@ -18,8 +18,7 @@ from dealib.fem.system import PortLaw, System
 from dealib.fem.viscous import Viscosity
 
 Array = npt.NDArray[np.float64]
-_MORE = 2  # modes that are found beyond those asked for, to find these among
-_ALIKE = 0.5  # share of the kinetic energy in which two modes are taken for the same
+MORE = 2  # modes that are found beyond those asked for, to find these among
 
 
 @dataclass(frozen=True)
@@ -61,20 +60,24 @@ def _vibrations(newton: Newton, count: int, circuits: bool) -> Vibrations:
     system = newton.system
     tangent = fixed_tangent(system)
     mass = system.mass()
+    heavy = system.take(mass)
     modes = lowest(tangent, mass, newton.concave, count)
     changes = [port_changes(system, tangent, x) for x in _vectors(system, modes.shapes)]
     values, duals = (
         {name: np.array([change[k][name] for change in changes]) for name in system.ports}
         for k in range(2)
     )
+    for name, column in heavy.items():  # what holds a port holds the mass at it, too
+        moved = [column.dot(x) for x in _vectors(system, modes.shapes)]
+        duals[name] = duals[name] - modes.values * moved
     found: dict[str, Array] = {}
     terminals = system.problem.device.of(TERMINAL) if circuits else ()
     for port in (p for p in terminals if not p.floating):
         short = system.ports[port.name].value is not None
         with switched(system, port.name, opened=short):
             # what is heavy is not the port, and the state is the same
-            other = lowest(fixed_tangent(system), mass, newton.concave, count + _MORE)
-        same = _again(modes, other, mass, system)
+            other = lowest(fixed_tangent(system), mass, newton.concave, count + MORE)
+        same = modes.again(other).values
         both = (same, modes.values) if short else (modes.values, same)
         found[port.name] = np.array(both)
     return Vibrations(modes, values, duals, found)
@@ -117,20 +120,6 @@ def switched(system: System, terminal: str, opened: bool) -> Iterator[None]:
         yield
     finally:
         system.ports[terminal] = law
-
-
-def _again(modes: Modes, other: Modes, mass: Any, system: System) -> Array:
-    """Values of those among other modes that are most like these."""
-    from scipy.optimize import linear_sum_assignment
-
-    heavy = []
-    for shape in _vectors(system, modes.shapes):
-        out = shape.duplicate()
-        mass.mult(shape, out)
-        heavy.append(out)
-    like = np.array([[h.dot(o) ** 2 for o in _vectors(system, other.shapes)] for h in heavy])
-    rows, columns = linear_sum_assignment(-like)
-    return np.where(like[rows, columns] > _ALIKE, other.values[columns], np.nan)
 
 
 def _vectors(system: System, shapes: Array) -> list[Any]:

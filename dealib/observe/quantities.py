@@ -112,7 +112,10 @@ _LOCKING = Need(
     lambda c: any(film.locks for film in _films(c)),
 )
 _DIFFERENTIAL = Need("sensing.differential: true", lambda c: c.sensing.differential)
-_RESISTANCE = Need("sensing.sheet_resistance", lambda c: c.sensing.sheet_resistance is not None)
+_LADDER = Need(
+    "sensing.sheet_resistance, of a laminate in two dimensions with one terminal",
+    lambda c: c.sensing.sheet_resistance is not None and c.device.ladder,
+)
 _BRANCHES = Need(
     "Maxwell branches, such as materials.film.branches",
     lambda c: any(law.branches for law in c.solids.values()),
@@ -256,8 +259,8 @@ QUANTITIES: tuple[Quantity, ...] = (
         lambda s, port: s.slope(port, blocked=True),
         *(_DIFFERENTIAL, MOUNT),
     ),
-    Q("electrode_resistance_kohm", "kohm", "electrode resistance", _resistance, _RESISTANCE),
-    Q("rc_time_us", "us", "charging time constant", _time_constant, _RESISTANCE),
+    Q("electrode_resistance_kohm", "kohm", "electrode resistance", _resistance, _LADDER),
+    Q("rc_time_us", "us", "charging time constant", _time_constant, _LADDER),
     Q("dissipated_energy_mJ", "mJ", "dissipated energy", _dissipated, _MEMORY),
     Q("dissipated_power_mW", "mW", "dissipated power", _power, _BRANCHES),
     Q(

@@ -10,7 +10,8 @@ import numpy as np
 
 from dealib.config.case import Case
 from dealib.errors import ConfigError, did_you_mean
-from dealib.fem.vibrations import Vibrations, vibrations
+from dealib.fem.modes import Modes
+from dealib.fem.vibrations import MORE, Vibrations, vibrations
 from dealib.program.engine import Engine
 from dealib.program.history import State
 
@@ -61,7 +62,8 @@ class Watch:
         along: Stage at each state of which frequencies are found.
         count: How many modes.
         rows: Of `modes.csv`, a mode each.
-        curve: Of `frequencies.csv`, a state each.
+        curve: Of `frequencies.csv`, a state each; a mode keeps its number by its shape, even where
+            its frequency crosses that of another one.
     """
 
     stages: Sequence[str]
@@ -69,6 +71,7 @@ class Watch:
     count: int
     rows: list[dict[str, Any]] = field(default_factory=list)
     curve: list[dict[str, Any]] = field(default_factory=list)
+    _followed: Modes | None = None
 
     def __call__(self, state: State) -> State:
         """Look at a state; the shapes at the end of a stage are added to it."""
@@ -78,13 +81,17 @@ class Watch:
         along = row["stage"] == self.along
         if not (wanted or along):
             return state
-        count = min(self.count, int(of.newton.system.q.size) - 1)
+        most = int(of.newton.system.q.size) - 1
+        count = min(self.count + MORE * along, most)
         found = vibrations(of.newton, of.viscosity, count, circuits=wanted)
         if along:
-            self.curve.append(dict(_point(of, row, found)))
+            before = self._followed
+            # all that were seen once are followed, those that came in from above included
+            self._followed = found.modes if before is None else before.again(found.modes)
+            self.curve.append(dict(_point(of, row, self._followed.first(self.count))))
         if not wanted:
             return state
-        shapes, scales = of.mode_shapes(found.modes)
+        shapes, scales = of.mode_shapes(found.modes.first(self.count))
         self.rows += _modes(of, row, found, scales)
         return replace(state, modes=shapes)
 
@@ -124,8 +131,8 @@ def _modes(
     of: Engine, row: dict[str, Any], found: Vibrations, scales: Any
 ) -> Iterator[dict[str, Any]]:
     """Rows of modes, as they are where their longest displacement is 1 mm."""
-    device, squares = of.problem.device, found.modes.values
-    for k, hertz in enumerate(frequency(squares)):
+    device = of.problem.device
+    for k, hertz in enumerate(frequency(found.modes.values[: len(scales)])):
         mode = {"stage": row["stage"], "step": row["step"], "mode": k + 1, "frequency_Hz": hertz}
         mode["modal_mass_g"] = _GRAMS / scales[k] ** 2
         for port in device.ports:
@@ -143,12 +150,12 @@ def _modes(
         yield {name: v if isinstance(v, (str, int)) else float(v) for name, v in mode.items()}
 
 
-def _point(of: Engine, row: dict[str, Any], found: Vibrations) -> Iterator[tuple[str, Any]]:
+def _point(of: Engine, row: dict[str, Any], modes: Modes) -> Iterator[tuple[str, Any]]:
     """A state on the curve of frequencies: what the ports do there."""
     for name in ("stage", "step", "time_s"):
         yield name, row[name]
     for port in of.problem.device.ports:
         for variable in port.kind.variables:
             yield port.column(variable), row[port.column(variable)]
-    for k, hertz in enumerate(frequency(found.modes.values), start=1):
+    for k, hertz in enumerate(frequency(modes.values), start=1):
         yield f"frequency_Hz.{k}", float(hertz)

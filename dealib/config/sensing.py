@@ -1,0 +1,73 @@
+"""What a driver or a sensor sees of a device."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import Field
+
+from dealib.errors import ValueAt, did_you_mean
+from dealib.section import Section
+from dealib.units import Resistance
+
+
+class Sensing(Section):
+    """What a driver or a sensor sees of the device: further columns of the history."""
+
+    differential: bool = Field(
+        False, description="small-signal capacitances and stiffness; costs one more tangent a step"
+    )
+    sheet_resistance: Resistance | None = Field(
+        None, gt=0, description="of each electrode as mounted, in ohm per square; default none"
+    )
+    area_exponent: float = Field(
+        1.0, ge=0, description="n: it grows as (area ratio)^n; 1: constant volume and resistivity"
+    )
+    charging: bool = Field(
+        False,
+        description="the electrodes charge through it in time, from the contact on; needs "
+        "sheet_resistance",
+    )
+    contact: str | None = Field(
+        None,
+        description="end of the base at which electrodes are contacted, by default the last; of a "
+        "mesh file a boundary",
+    )
+
+
+def check_sensing(config: Any) -> None:
+    """Raise `ValueAt` where electrodes cannot be resistive.
+
+    Args:
+        config: A `Config`.
+    """
+    sensing, charging = config.sensing, ("sensing", "charging")
+    if sensing.sheet_resistance is None:
+        if sensing.charging:
+            raise ValueAt(charging, "needs sensing.sheet_resistance")
+        return
+    for other, there in {
+        "sensing.differential": sensing.differential,
+        "output.modes": config.output.modes > 0,
+        "a stage with follow": any(s.follow is not None for s in config.program),
+        "another coupling than energy": config.physics.coupling != "energy",
+    }.items():
+        if sensing.charging and there:
+            raise ValueAt(charging, f"does not go with {other}, which is of equilibria")
+    where, contact = ("sensing", "sheet_resistance"), ("sensing", "contact")
+    if config.device.kinematics.sheet:
+        problem = "not of a membrane, where each electrode has one potential; use model: solid"
+        raise ValueAt(where, problem)
+    laminate = config.device.laminate
+    if laminate is None:
+        if any(map(config.conducts, config.solids)):
+            problem = "of a mesh file: only of electrodes on faces, since regions have no thickness"
+            raise ValueAt(where, problem)
+        if sensing.contact is None:
+            problem = "name the boundary of the mesh at which the electrodes are contacted"
+            raise ValueAt(contact, problem)
+        return
+    ends = [end for end in laminate.base.ends if end is not None]
+    if sensing.contact is not None and sensing.contact not in ends:
+        told = did_you_mean(sensing.contact, ends)
+        raise ValueAt(contact, f"the base has no end {sensing.contact!r}{told}")
