@@ -353,8 +353,9 @@ EDITS = [
           ("differential_capacitance_pF", "1 pF", "sensing.differential: true"),
           ("blocked_capacitance_pF", "1 pF", "sensing.differential: true"),
           ("mount_stiffness_N_per_mm", "1 N/mm", "sensing.differential: true"),
-          ("electrode_resistance_kohm", "1 kohm", "sensing.sheet_resistance"),
-          ("rc_time_us", "1 us", "sensing.sheet_resistance"),
+          *((column, value, "sensing.sheet_resistance, of a laminate in two dimensions with one "
+             "terminal")
+            for column, value in (("electrode_resistance_kohm", "1 kohm"), ("rc_time_us", "1 us"))),
           ("dissipated_energy_mJ", "1 mJ", "a material with branches, mullins or permanent_set"),
           ("dissipated_power_mW", "1 mW", "Maxwell branches, such as materials.film.branches"),
           ("unstable_modes", "0", "output.modes above 0, or a stage with follow"),
