@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import case
 from laminates import BASES, FILM, config, layer
 
 import dealib
@@ -180,6 +181,18 @@ def test_a_strip_has_fields_of_its_plane_and_the_film_under_voltage_is_drawn(tmp
     with style.theme():
         labels = [a.get_xlabel() for a in overview([run]).axes]
     assert "Voltage (kV)" in labels  # without mount or chamber
+
+
+def test_the_time_of_a_device_in_motion_is_that_of_its_motion(tmp_path):
+    """A second of loading would hide a tenth of a second of swinging."""
+    given = case("dynamics/step_response", mesh__columns=8, mesh__film_rows=1, program__3__steps=20)
+    run = dealib.simulate(given, tmp_path / "run")
+    with style.theme():
+        time = next(a for a in overview([run]).axes if a.get_xlabel() == "Time (s)")
+    (line,) = time.get_lines()
+    moving = run.history[run.history["stage"] == given.config.program[-1].stage]["time_s"]
+    before = run.history["time_s"][moving.index[0] - 1]
+    assert line.get_xdata() == pytest.approx([before, *moving])
 
 
 def test_a_mesh_of_ones_own_is_drawn_whole(tmp_path):

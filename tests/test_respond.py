@@ -370,6 +370,32 @@ def test_frequencies_in_between_are_as_good_as_solved_ones():
     assert np.abs(ratio - 1).max() < 1e-6
 
 
+def test_a_resonance_is_resolved():
+    """Twenty frequencies miss it; with as many more the peak is that of a fine sweep."""
+    given = loaded(
+        "3 g",
+        mesh={"columns": 12, "film_rows": 1},
+        damping={"mass": "5 1/s"},
+        program=[
+            {"stage": "push", "mount": {"displacement": "-2 mm"}, "steps": 4},
+            {"stage": "charge", "terminal": {"voltage": "2.5 kV"}, "steps": 3},
+            {"stage": "let go", "mount": {"force": "-0.356 N"}},
+        ],
+    )
+    even = np.geomspace(10, 1000, 20)
+    coarse, more = (spectrum(given, even, more=n)[0] for n in (0, 20))
+    near = even[coarse["displacement_mm_per_kV"].argmax()]
+    fine, _ = spectrum(given, np.linspace(0.8 * near, 1.25 * near, 1000))
+    most = [t["displacement_mm_per_kV"].max() for t in (coarse, more, fine)]
+    assert most[0] < 0.5 * most[2]
+    assert most[1] == pytest.approx(most[2], rel=0.1)
+    assert len(more) <= 40
+    assert set(even) <= set(more["frequency_Hz"])
+    # what was asked for does not depend on what was added
+    same = more.set_index("frequency_Hz").loc[even].to_numpy()
+    assert same == pytest.approx(coarse.set_index("frequency_Hz").to_numpy(), rel=1e-6)
+
+
 # --- sound ---------------------------------------------------------------------------------------
 
 DOME = ("dynamics/loudspeaker", {"mesh.columns": 24})
@@ -475,7 +501,10 @@ def test_the_command(small, tmp_path):  # noqa: F811 - the fixture
     done = command(*given, "--series-resistance", "10 kohm", "--series-inductance", "1 mH")
     assert done.exit_code == 0, done.output + repr(done.exception)
     table = pd.read_csv(out / "response.csv")
-    assert len(table) == 30
+    even = np.geomspace(1, 2000, 30)
+    assert 30 < len(table) <= 60  # and a resonance or two
+    assert np.isin(even.round(6), table["frequency_Hz"].round(6)).all()
+    assert table["frequency_Hz"].is_monotonic_increasing
     assert table["frequency_Hz"].iloc[[0, -1]].to_list() == pytest.approx([1, 2000])
     for name in ("displacement_mm_per_kV", "phase_deg", "impedance_Mohm", "loss_tangent"):
         assert np.isfinite(table[name]).all()
@@ -487,6 +516,8 @@ def test_the_command(small, tmp_path):  # noqa: F811 - the fixture
     assert parts["value"]["Rs"] == pytest.approx(1e4, rel=0.2)
     again = command(*given)
     assert isinstance(again.exception, ConfigError)
+    assert command(*given, "--overwrite", "--no-refine").exit_code == 0
+    assert len(pd.read_csv(out / "response.csv")) == 30
     assert "--overwrite" in str(again.exception)
 
 

@@ -24,7 +24,7 @@ from dealib.units import neat, sensible
 def respond(
     case: Case,
     band: tuple[str, str],
-    points: int,
+    points: tuple[int, bool],
     of: str | None,
     at: str | None,
     in_series: tuple[str, str],
@@ -33,6 +33,17 @@ def respond(
     overwrite: bool,
 ) -> None:
     """Run a case, find the spectrum, write and draw it, fit a circuit to it.
+
+    Args:
+        case: The case.
+        band: Lowest and highest frequency.
+        points: Number of frequencies, and whether there are more where the response turns.
+        of: Terminal that is driven.
+        at: Stage at the end of which.
+        in_series: Resistance and inductance of the driver.
+        sound_at: Distance at which sound is heard.
+        out: Run directory.
+        overwrite: Whether to replace an earlier one.
 
     Raises:
         ConfigError: If an option is wrong, or the directory exists.
@@ -50,8 +61,9 @@ def respond(
     still = at_rest(case, [at] if at is not None else [])
     distance = None if sound_at is None else _quantity("--sound-at", sound_at, "length")
     directory = out or Path(f"{case.config.directory}-response")
-    path, hertz = directory / spectra.RESPONSE, frequencies(low, high, points)
-    spectrum = Spectrum(at, terminal.name, hertz, driver, distance, path)
+    path, hertz = directory / spectra.RESPONSE, frequencies(low, high, points[0])
+    more = points[0] if points[1] else 0
+    spectrum = Spectrum(at, terminal.name, hertz, driver, distance, path, more)
     refuse_full_disk(still.config, directory)
     with case.blamed():
         run = solve(still, directory, overwrite=overwrite, look=spectrum)

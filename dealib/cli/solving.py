@@ -97,6 +97,7 @@ def respond(
     low: Annotated[str, typer.Option("--from", metavar="FREQUENCY", help="such as 1 Hz")],
     high: Annotated[str, typer.Option("--to", metavar="FREQUENCY", help="such as 1 kHz")],
     points: Annotated[int, typer.Option(min=2, max=10_000, help="at equal ratios")] = 100,
+    refine: Annotated[bool, typer.Option(help="add points where the response turns")] = True,
     of: Annotated[
         str | None, typer.Option(metavar="TERMINAL", help="that is driven; default the first one")
     ] = None,
@@ -130,7 +131,7 @@ def respond(
     from dealib.cli.respond import respond as find
 
     given = (series_resistance, series_inductance)
-    find(case, (low, high), points, of, at, given, sound_at, out, overwrite)
+    find(case, (low, high), (points, refine), of, at, given, sound_at, out, overwrite)
 
 
 @app.command()

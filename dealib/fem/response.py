@@ -15,7 +15,8 @@ symmetric, with real and imaginary part of each unknown side by side.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Any
@@ -28,12 +29,14 @@ import numpy.typing as npt
 from dealib.fem import conduction
 from dealib.fem.linear import fixed_tangent, set_options
 from dealib.fem.newton import Newton
-from dealib.fem.reduction import Complex, solve_all
+from dealib.fem.reduction import Complex, Reduction
 from dealib.fem.vibrations import switched
 from dealib.fem.viscous import Viscosity
 
 Array = npt.NDArray[np.float64]
 _PREFIX = "dealib_response_"
+_STRAIGHT = 0.05  # of a value: what is off by more is not straight
+_APART, _AT_ONCE = 1.0001, 8  # ratio of frequencies that are told apart; looked at in one go
 _OPTIONS: dict[str, Any] = {
     "mat_mumps_icntl_7": 5,  # METIS
     "mat_mumps_icntl_14": 60,  # room for pivoting, per cent
@@ -116,14 +119,18 @@ class Response:
             self._columns[port][name] = column
         self._parts[name] = part
 
-    def at(self, frequencies: Sequence[float]) -> Iterator[Change]:
-        """The response at some frequencies in order, Hz (collective)."""
+    def at(self, frequencies: Sequence[float], more: int = 0) -> Iterator[Change]:
+        """The response at some frequencies in order, Hz (collective).
+
+        Args:
+            frequencies: These.
+            more: Up to so many more in between, where the response turns.
+        """
         system = self.system
         right = system.q.duplicate()
         right.set(0.0)
         system.map.set_port(right, self._terminal, 1.0)
         right.assemble()
-        family = [self._factors(2 * np.pi * hertz) for hertz in frequencies]
         vectors = right.duplicate(), right.duplicate()
 
         def split(x: Complex) -> tuple[Any, Any]:
@@ -131,24 +138,34 @@ class Response:
                 vector.array[:] = part
             return vectors
 
-        def look(x: Complex) -> Complex:
+        def ports(x: Complex) -> Complex:
             one, other = (system.map.port_values(part) for part in split(x))
             return np.array([complex(one[name], other[name]) for name in one])
 
-        found = solve_all(self._parts, right, family, lambda f: self._pairs.solve(f, right), look)
-        for hertz, factors, x in zip(frequencies, family, found, strict=True):
-            parts = split(x)
+        reduced = Reduction(self._parts, right, lambda f: self._pairs.solve(f, right), ports)
+        place = list(system.map.ports).index(self._terminal)
+
+        def looked_at(frequencies: Sequence[float]) -> list[_Found]:
+            found = []
+            for y in reduced.at([self._factors(2 * np.pi * hertz) for hertz in frequencies]):
+                volts = ports(reduced.whole(y))[place]
+                found.append(_Found(y / volts, 1 / volts))
+            return found
+
+        known = dict(zip(frequencies, looked_at(frequencies), strict=True))
+        _refine(known, looked_at, lambda y: reduced.size(y, "mass"), more)
+        for hertz, found in sorted(known.items()):
+            factors = self._factors(2 * np.pi * hertz)
+            parts = split(reduced.whole(found.y))
             one, other = (system.map.port_values(part) for part in parts)
             values = {name: complex(one[name], other[name]) for name in one}
-            volts = values[self._terminal]
-            duals = {self._terminal: 1 / volts}
+            duals = {self._terminal: found.charge}
             for name, columns in self._columns.items():
                 duals[name] = sum(
-                    factors[key] * complex(*(column.dot(part) for part in parts)) / volts
+                    factors[key] * complex(*(column.dot(part) for part in parts))
                     for key, column in columns.items()
                 )
-            split(x / volts)
-            yield Change(hertz, {n: v / volts for n, v in values.items()}, duals, vectors)
+            yield Change(hertz, values, duals, vectors)
 
     def _factors(self, omega: float) -> dict[str, complex]:
         """What each part is multiplied with."""
@@ -228,6 +245,53 @@ class Pairs:
         for part, k in zip(parts, (0, 1), strict=True):
             part.array[:] = x.array_r[k::2]
         return parts
+
+
+@dataclass(frozen=True)
+class _Found:
+    """The response to a unit voltage: coordinates of X, and the charge."""
+
+    y: Complex
+    charge: complex
+
+
+def _refine(
+    known: dict[float, _Found],
+    look: Callable[[Sequence[float]], list[_Found]],
+    size: Callable[[Complex], float],
+    more: int,
+) -> None:
+    """Add frequencies between two that the response is not straight between, the worst first.
+
+    Args:
+        known: What was found at each frequency.
+        look: Finds it at others.
+        size: Of a motion.
+        more: Up to so many.
+    """
+    bent: dict[tuple[float, float, float], tuple[float, _Found]] = {}  # where, and by how much
+
+    def check(pairs: Iterable[tuple[float, float]]) -> None:
+        places = [
+            (low, float(np.sqrt(low * high)), high) for low, high in pairs if high / low > _APART
+        ]
+        for place, here in zip(places, look([middle for _, middle, _ in places]), strict=True):
+            one, other = known[place[0]], known[place[-1]]
+            off = here.y.copy()
+            for end in (one, other):
+                off[: len(end.y)] -= end.y / 2
+            missed, most = size(off), max(size(found.y) for found in (one, here, other))
+            charge = abs(here.charge - (one.charge + other.charge) / 2) / abs(here.charge)
+            if max(missed / most, charge) > _STRAIGHT:
+                bent[place] = missed, here
+
+    if more:
+        check(itertools.pairwise(sorted(known)))
+    while bent and more:
+        worst = sorted(bent, key=lambda place: -bent[place][0])[: min(_AT_ONCE, more)]
+        more -= len(worst)
+        known |= {place[1]: bent.pop(place)[1] for place in worst}
+        check(pair for place in worst for pair in itertools.pairwise(place))
 
 
 def _relaxed(viscosity: Viscosity | None) -> AbstractContextManager[None]:

@@ -48,17 +48,18 @@ def overview(runs: Sequence[Run]) -> Any:
         for axis, x, y in panels:
             draw_history(axis, h, x, y, label=name, marker=".", ms=4, **dash)
             limits.mark(axis, run, x, y)
-        draw_history(time, h, clock, u, **dash)
+        timed = _in_time(run)
+        draw_history(time, timed, clock, u, **dash)
         if len(runs) == 1:
             if beside not in (u, driven):
                 second = time.twinx()
-                draw_history(second, h, clock, beside, color="C1", ls="-.")
+                draw_history(second, timed, clock, beside, color="C1", ls="-.")
                 _colour(time, "left", "C0")
                 _colour(second, "right", "C1")
                 second.set_ylabel(label(beside))
                 steady(second)
             dash["color"] = "C2"
-        draw_history(below, h, clock, driven, **dash)
+        draw_history(below, timed, clock, driven, **dash)
     for axis, x, y in panels:
         axis.set(xlabel=label(x), ylabel=label(y))
     time.set_ylabel(label(u))
@@ -74,6 +75,14 @@ def clock_of(runs: Sequence[Run]) -> str:
     """Column that orders the states of all runs: `time_s`, or `step` if one follows a branch."""
     clocks = {stages.clock(run.config.program) for run in runs}
     return "step" if "step" in clocks else "time_s"
+
+
+def _in_time(run: Run) -> Any:
+    """Rows to draw over the time: where there are dynamic stages, these and how they begin."""
+    history = run.history
+    moving = history["stage"].isin([s.stage for s in run.config.program if s.dynamic]).to_numpy()
+    chosen = moving | np.append(moving[1:], False)
+    return history[chosen].reset_index(drop=True) if chosen.any() else history
 
 
 def curves(runs: Sequence[Run], x: str | None, ys: Sequence[str]) -> Any:

@@ -38,7 +38,7 @@ def draw_bode(table: Any, title: str, look: Theme) -> Any:
         for n, k in enumerate(chosen):  # its phase is the next column
             style = {"color": f"C{n % len(look.lines)}", "ls": DASHES[n // len(look.lines) % 4]}
             upper.loglog(f, table[columns[k]], label=label(columns[k]), **style)
-            lower.semilogx(f, table[columns[k + 1]], **style)
+            lower.semilogx(f, np.unwrap(table[columns[k + 1]], period=360), **style)
         upper.set_ylabel(label(columns[chosen[0]]) if len(chosen) == 1 else "")
         if len(chosen) > 1:
             upper.legend(fontsize="small")
@@ -74,8 +74,12 @@ def draw_nyquist(table: Any, circuit: Circuit, title: str, look: Theme) -> Any:
             size, phase = (table[columns[j]].to_numpy() for j in (k, k + 1))
             value = size * np.exp(1j * np.radians(phase))
             other.plot(value.real, value.imag, ".-", ms=4, color=f"C{n}", label=label(columns[k]))
-        other.set(xlabel="in phase (mm/kV)", ylabel="in quadrature (mm/kV)", aspect="equal")
-        other.legend(fontsize="small")
+        other.set(xlabel="in phase (mm/kV)", ylabel="in quadrature (mm/kV)")
+        other.set_aspect("equal", adjustable="datalim")
+        if len(moved) > 1:
+            other.legend(fontsize="small")
+        else:
+            other.set_title(label(columns[moved[0]]), loc="left", fontsize="medium")
     figure.suptitle(plain(title), fontsize="medium")
     return figure
 

@@ -77,6 +77,7 @@ class Spectrum:
         driver: In series with it.
         distance: Of the point on the axis at which sound is heard, mm; none: it is not asked for.
         path: Where it is written as soon as it is found, if anywhere.
+        more: Up to so many frequencies are added where the response turns.
         rows: Of `response.csv`, a frequency each.
     """
 
@@ -86,6 +87,7 @@ class Spectrum:
     driver: Driver = Driver()
     distance: float | None = None
     path: Path | None = None
+    more: int = 0
     rows: list[dict[str, float]] = field(default_factory=list)
 
     def __call__(self, state: State) -> State:
@@ -100,7 +102,8 @@ class Spectrum:
             response = Response(of.newton, of.viscosity, self.terminal)
             probes = _Linear(of, response)
             face = None if self.distance is None else _Face(of, response)
-            self.rows = [self._row(of, change, probes, face) for change in response.at(self.hertz)]
+            changes = response.at(self.hertz, self.more)
+            self.rows = [self._row(of, change, probes, face) for change in changes]
             of.newton.system.residual(of.newton.system.q, of.newton.system.residual_vector)
         if self.path is not None and of.comm.rank == 0:
             spectra.write(self.path, self.rows)
