@@ -1,6 +1,7 @@
 """The report of a run, as a file and in a headless browser."""
 
 import html
+import io
 import json
 import os
 import re
@@ -13,6 +14,8 @@ from matplotlib.image import imread
 
 import dealib
 from dealib.errors import ConfigError
+from dealib.plots import style
+from dealib.plots.curves import overview
 from dealib.report import css, facts
 from dealib.report.page import render
 from dealib.report.space import library
@@ -95,6 +98,19 @@ def test_the_energy_balance_closes(strip_run):
     largest = (stored - stored[0]).max()  # more than the work of either port
     share = f"{100 * residual / largest:.2g} % of the largest change of stored energy"
     assert told["Largest residual of the balance"].endswith(f"mJ: {share}, {largest:.5g} mJ")
+
+
+def test_curves_are_dark_by_their_colours(strip_run):
+    """Recoloured they are what the dark theme draws, but for names within the file."""
+    drawn = []
+    for dark in (False, True):
+        with style.theme(dark):
+            data = io.BytesIO()
+            style.save(overview([strip_run]), data, "svg")
+        drawn.append(re.sub(r"<dc:date>.*?</dc:date>|m[0-9a-f]{10}", "", data.getvalue().decode()))
+    light, dark = drawn
+    assert light != dark
+    assert style.darkened(light) == dark
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -55,6 +56,9 @@ DARK = Theme(
     "viridis",
     "RdBu_r",
 )
+_COLOUR = re.compile("#[0-9a-f]{6}")
+_DARK = dict(zip((LIGHT.paper, LIGHT.ink, LIGHT.faint, *LIGHT.lines),
+                 (DARK.paper, DARK.ink, DARK.faint, *DARK.lines), strict=True))  # fmt: skip
 # none with short dashes only: those mean unstable (see `dealib.plots.branches`)
 DASHES = ("-", "--", (0, (6, 1.5, 1, 1.5, 1, 1.5)), "-.")
 
@@ -93,6 +97,11 @@ def theme(dark: bool = False) -> Iterator[Theme]:
             yield look
         finally:
             plt.close("all")
+
+
+def darkened(svg: str) -> str:
+    """A picture of the light theme as the dark one draws it."""
+    return _COLOUR.sub(lambda found: _DARK.get(found[0], found[0]), svg)
 
 
 def check_target(path: Path, formats: tuple[str, ...], overwrite: bool) -> None:

@@ -43,14 +43,17 @@ def both(draw: Callable[[Theme], Any], kind: str) -> Picture:
         draw: Returns a figure.
         kind: 'svg' or 'png'.
     """
-    found = []
+    found: list[bytes] = []
     for dark in (False, True):
+        if dark and kind == "svg":
+            found.append(style.darkened(found[0].decode()).encode())
+            continue
         with theme(dark) as look:
             data = io.BytesIO()
             save(draw(look), data, kind, dpi=110)
-            text = base64.b64encode(data.getvalue()).decode("ascii")
-            found.append(f"data:{_MIME[kind]};base64,{text}")
-    return Picture(*found)
+            found.append(data.getvalue())
+    texts = (base64.b64encode(data).decode("ascii") for data in found)
+    return Picture(*(f"data:{_MIME[kind]};base64,{text}" for text in texts))
 
 
 def pictures(run: Run) -> tuple[dict[str, Picture], list[str]]:
