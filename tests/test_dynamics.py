@@ -273,6 +273,23 @@ def test_a_driven_volume_has_a_smooth_pressure():
     assert second < 3 * (2 * np.pi / 100) ** 2 * np.abs(p).max()
 
 
+def test_enclosed_gas_has_a_smooth_pressure():
+    """Boyle's law holds at the end of every step, and what it gives does not alternate."""
+    h = history(
+        "devices/balloon",
+        materials__film__density="1000 kg/m^3",
+        solver__time_tolerance=0,
+        program="[{stage: close, chamber: {gas: {volume: 4 ml, pressure: 101.325 kPa}}},"
+        " {stage: drive, dynamic: true, duration: 20 ms, steps: 100,"
+        " terminal: {voltage: {amplitude: 1 kV, frequency: 50 Hz, rise: 5 ms}}}]",
+    )
+    p, V = h["pressure_kPa"].to_numpy(), h["volume_mm3"].to_numpy()
+    assert (101.325 + p) * (4000 + V) == pytest.approx(101.325 * 4000, rel=1e-12)
+    assert np.ptp(p) > 1e-3
+    assert np.abs(np.diff(p, 2)).max() < 0.05 * np.ptp(p)
+    assert np.abs(h["energy_residual_mJ"]).max() < 1e-6 * h["kinetic_energy_mJ"].max()
+
+
 def test_a_pump_with_valves():
     """What flows is what the chamber takes; through an orifice as Bernoulli and Torricelli say."""
     h = history("dynamics/pump_cycle")
