@@ -37,6 +37,9 @@ class Vector:
     def maxpy(self, alphas, xs):
         self.value += sum(a * x.value for a, x in zip(alphas, xs, strict=True))
 
+    def scale(self, alpha):
+        self.value *= alpha
+
     def norm(self):
         return abs(self.value)
 
@@ -44,9 +47,9 @@ class Vector:
 class FakeNewton:
     """Follows the input; fails if it is further away than `reach` from where Newton starts."""
 
-    def __init__(self, reach=float("inf"), iterations=3):
+    def __init__(self, reach=float("inf"), iterations=3, answers=False):
         self.system = SimpleNamespace(q=Vector())
-        self.reach, self.iterations = reach, iterations
+        self.reach, self.iterations, self.answers = reach, iterations, answers
         self.input = 0.0
         self.starts = []
 
@@ -57,6 +60,9 @@ class FakeNewton:
             q.value = float("nan")
             raise NotConverged("too far")
         q.value = self.input
+
+    def answer(self):
+        return Vector(self.input - self.system.q.value) if self.answers else None
 
 
 def drive(newton, targets, corners=(), path=lambda t: t, clock=None, order=1, **settings):
@@ -119,6 +125,25 @@ def test_corners_are_not_extrapolated_across():
 
     drive(newton, [0.25, 0.5, 0.75, 1.0], corners=[0.5, 1.0], path=path)
     assert newton.starts == pytest.approx([0.0, 0.5, 0.5, 2.0])
+
+
+def test_with_a_rate_each_step_of_a_straight_path_is_predicted_also_behind_a_corner():
+    newton = FakeNewton(answers=True)
+
+    def path(t):
+        return t if t <= 0.5 else 0.5 + 3 * (t - 0.5)
+
+    drive(newton, [0.25, 0.5, 0.75, 1.0], corners=[0.5, 1.0], path=path, order=3)
+    assert newton.starts == pytest.approx([0.25, 0.5, 1.25, 2.0])
+
+
+def test_no_rate_is_asked_for_where_something_goes_on_in_time():
+    newton = FakeNewton(answers=True)
+    still = SimpleNamespace(error=lambda: 0.0)
+    run = Increments(newton, Solver(time_tolerance=0), Predictor(), clocks=[still])
+    run.predictor.add(0.0, (0.0,), newton.system.q)
+    list(run.run([0.5, 1.0], set(), lambda at: setattr(newton, "input", at) or (at,), str))
+    assert newton.starts == pytest.approx([0.0, 1.0])
 
 
 def test_failed_extrapolation_falls_back_to_the_last_state():

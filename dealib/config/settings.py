@@ -87,7 +87,7 @@ class Solver(Section):
         1e-9, gt=0, lt=1e-3, description="on the residual of each field, relative to its scale"
     )
     max_iterations: int = Field(
-        12, ge=2, le=1000, description="Newton iterations before a cut-back"
+        12, ge=2, le=1000, description="Newton iterations (tangents) before a cut-back"
     )
     target_iterations: int = Field(
         6, ge=1, description="increments grow back while a step needs at most this many"
@@ -108,7 +108,11 @@ class Solver(Section):
         "algorithmic dissipation",
     )
     predictor_order: int = Field(
-        3, ge=0, le=4, description="highest order of the extrapolation; 0: from the last state"
+        7,
+        ge=0,
+        le=9,
+        description="highest order of the extrapolation of states and their rates; 0: from the "
+        "last state",
     )
     linear: Literal["auto", "direct", "iterative", "lu"] = Field(
         "auto",

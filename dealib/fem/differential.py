@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 from petsc4py import PETSc
@@ -12,11 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from dealib.device.records import CHAMBER, MOUNT, TERMINAL, TURN
+from dealib.fem.constraints import FIELDS
 from dealib.fem.linear import set_options
 from dealib.fem.newton import Newton
 from dealib.fem.problem import Problem
 from dealib.fem.system import PortLaw
 
+_CORRECTIONS, _ENOUGH = 20, 1e-5  # of a test potential, at most; and its last one, of its size
 Array = npt.NDArray[np.float64]
 
 _SMALL = 1e-4  # change of a port, of its size
@@ -140,3 +142,43 @@ def capacitance_matrix(newton: Newton) -> Array:
                 found[i, j] = -(at_port - left.dot(x))
                 other.restoreSubVector(numbers, left)
     return found
+
+
+def capacitance(newton: Newton, port: str) -> float:
+    """Small-signal capacitance of the one terminal at 0 V with the body frozen, nF.
+
+    A back-substitution with the tangent at hand, of a state nearby, gives a trial potential for a
+    unit test voltage, and others correct it; the electric energy is stationary in it, so its error
+    enters squared. Of a sheet, whose layers have no potential of their own, it is the derivative of
+    its charge.
+    """
+    system, problem = newton.system, newton.system.problem
+    if problem.sheet is not None:
+        return -problem.integrate(f"corner {port} {port}")
+    q, right, response = system.q, system.q.duplicate(), system.q.duplicate()
+    with nullcontext() if system.charging is None else system.charging.at_once():
+        if not newton.factored or system.charging is not None:
+            system.residual(q, right)
+            newton.assemble()
+        right.set(0.0)
+        system.map.set_port(right, port, 1.0)
+        system.eliminate(right)
+        newton.solve_linear(right, response)
+        volts, trial = system.map.port_values(response)[port], q.copy()
+        fields = np.flatnonzero(system.map.field == FIELDS.index("potential"))
+        trial.array[fields] = response.array_r[fields] / volts
+        system.map.set_port(trial, port, 1.0)
+        for _ in range(_CORRECTIONS):
+            system.residual(trial, right)
+            missed = right.array_r[fields]
+            right.set(0.0)
+            right.array[fields] = missed
+            newton.solve_linear(right, response)
+            trial.array[fields] -= response.array_r[fields]
+            of, part = (system.field_norms(v)[FIELDS.index("potential")] for v in (trial, response))
+            if part <= _ENOUGH * of:
+                break
+        system.expand(trial)
+        energy = problem.integrate("electric")
+    system.residual(q, right)
+    return -2 * energy

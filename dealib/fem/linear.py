@@ -24,8 +24,7 @@ _DEFINITE: dict[str, Any] = {  # needs neither
     "mat_mumps_cntl_1": 0.0,  # pivoting
 }
 _BLOCKS: dict[str, Any] = {
-    "ksp_type": "gmres",
-    "ksp_rtol": 1e-7,  # takes Newton no more iterations
+    "ksp_type": "preonly",  # Newton corrects what one sweep leaves
     "pc_type": "fieldsplit",
     "pc_fieldsplit_type": "multiplicative",
 }
@@ -47,7 +46,7 @@ _INERTIA_OPTIONS: dict[str, Any] = {
 _PREFIX = "dealib_inertia_"
 
 
-def set_linear_solver(snes: Any, system: System, symmetric: bool) -> str:
+def set_linear_solver(solver: Any, system: System, symmetric: bool) -> str:
     """LDL^T, or LU if the body's tangent is not symmetric; with air by blocks; or by iterations.
 
     Which one is chosen by `dealib.config.linear`.
@@ -73,8 +72,8 @@ def set_linear_solver(snes: Any, system: System, symmetric: bool) -> str:
     told = f"about {choice.memory / 1e9:.2g} GB{choice.note and '; ' + choice.note}"
     if choice.iterative and HAS_HYPRE:
         multigrid = Multigrid(system)
-        _use(snes, "dealib_iterative_", _ITERATIVE)
-        pc = snes.getKSP().getPC()
+        _use(solver, "dealib_iterative_", _ITERATIVE)
+        pc = solver.getPC()
         pc.setType("python")
         pc.setPythonContext(multigrid)
         # PETSc cannot call Python any more when it ends itself, after Python
@@ -97,28 +96,28 @@ def set_linear_solver(snes: Any, system: System, symmetric: bool) -> str:
             kind, body = "definite", body | _DEFINITE
     name = {"lu": "LU"}.get(kind, "LDL^T")
     if whole or not problem.mesh_motion:
-        _use(snes, f"dealib_{kind}_", body)
+        _use(solver, f"dealib_{kind}_", body)
         return f"{name} by MUMPS, {told}"
     air = _MUMPS | _DEFINITE | {"pc_type": "cholesky"}
     blocks = {f"fieldsplit_body_{k}": v for k, v in body.items()}
     blocks |= {f"fieldsplit_air_{k}": v for k, v in air.items()}
-    _use(snes, f"dealib_{kind}_air_", _BLOCKS | blocks)
+    _use(solver, f"dealib_{kind}_air_", _BLOCKS | blocks)
     rows = system.map
     numbers = PETSc.IS().createGeneral(rows.numbers("air mesh"), comm=rows.comm)
     start, end = system.matrix.getOwnershipRange()
-    pc = snes.getKSP().getPC()
+    pc = solver.getPC()
     pc.setType("fieldsplit")
     pc.setFieldSplitIS(("body", numbers.complement(start, end)), ("air", numbers))
     return f"{name} by MUMPS, the air's mesh apart, {told}"
 
 
-def _use(snes: Any, prefix: str, options: dict[str, Any]) -> None:
+def _use(solver: Any, prefix: str, options: dict[str, Any]) -> None:
     """Give a solver options under a prefix that nothing with other options has.
 
     PETSc keeps them for the process, and reads some only at the first factorisation.
     """
     set_options(prefix, options)
-    snes.setOptionsPrefix(prefix)
+    solver.setOptionsPrefix(prefix)
 
 
 def factorisation_seconds() -> float:

@@ -34,7 +34,7 @@ class Multigrid:
     and is taken with the other sign; terminals without a given voltage belong to it. Other ports
     must be prescribed: their rows are identities already.
 
-    It keeps no reference to the system, which PETSc would keep alive (see `newton._weak`).
+    It keeps no reference to the system, which PETSc would keep alive.
 
     Args:
         system: The system, of a solid in three dimensions.

@@ -1,13 +1,9 @@
-"""Newton's method by PETSc SNES, with convergence judged field by field."""
+"""Newton's method, with convergence judged field by field and tangents that serve again."""
 
 from __future__ import annotations
 
 import logging
 import math
-import weakref
-from collections.abc import Callable
-from contextlib import nullcontext
-from dataclasses import dataclass
 from typing import Any
 
 from petsc4py import PETSc
@@ -15,64 +11,34 @@ from petsc4py import PETSc
 import numpy as np
 
 from dealib.config.schema import Config
-from dealib.device.records import CHAMBER, MOUNT, TERMINAL, TURN
 from dealib.errors import NotConverged
-from dealib.fem.compat import DIVERGED_NAN, free
+from dealib.fem.compat import free
 from dealib.fem.constraints import FIELDS
 from dealib.fem.linear import (
     Factor,
     factorisation_seconds,
     fixed_tangent,
     set_linear_solver,
-    set_options,
 )
 from dealib.fem.modes import Modes, averaged, lowest
 from dealib.fem.problem import Problem
 from dealib.fem.system import System, Timings
+from dealib.fem.tolerances import Tolerances
 
 log = logging.getLogger(__name__)
 
-_OPTIONS: dict[str, Any] = {"snes_type": "newtonls", "snes_linesearch_type": "basic"}
+_FITS = 0.1  # of an answer, at most, may its correction be
+_REUSE = 0.1  # of the residual, at most, may an iteration leave for its tangent to serve again
 _EXACT = 1e-12  # of a linear solution that nothing corrects afterwards
-_STEP = 1e-7  # negligible step: of the film's thickness, of 1 kV, of its shear modulus
 _FOLDING = 5  # times as many iterations in tension fields, whose tangent jumps
 _ROUNDING = 1e4  # how far above the tolerance rounding may keep the residual
 _EXTERNAL = 76  # PETSc's error of a library: MUMPS, where whole rows of the tangent are zero
 _SINGULAR = "the tangent is singular: a part is held by nothing, or not yet by any tension"
 _STALLED = "the iterative linear solver did not converge; solver.linear: direct may"
-Reason = PETSc.SNES.ConvergedReason
 
 
 class Singular(NotConverged):
     """The tangent cannot be factored at all; PETSc's solver is of no use any more."""
-
-
-@dataclass(frozen=True)
-class Scales:
-    """Sizes that residuals are compared with.
-
-    Attributes:
-        displacement: Force, N.
-        potential: Charge, uC.
-        air_mesh: The air's fictitious force, N.
-        pressure: The film's volume, mm^3.
-    """
-
-    displacement: float
-    potential: float
-    air_mesh: float
-    pressure: float
-
-    @classmethod
-    def of(cls, problem: Problem) -> Scales:
-        """Characteristic sizes of a problem."""
-        sizes, stiffness = problem.domain.sizes, problem.config.physics.air_stiffness
-        air = sizes.around * max(sizes.height, 1.0) * stiffness
-        return cls(problem.force_scale, problem.charge_scale, air, sizes.volume)
-
-    def array(self) -> Any:
-        """In the order of `FIELDS`."""
-        return np.array([self.displacement, self.potential, self.air_mesh, self.pressure])
 
 
 class Newton:
@@ -80,7 +46,7 @@ class Newton:
 
     Attributes:
         system: The system.
-        iterations: Iterations of the last solve.
+        iterations: Iterations of the last solve, without corrections (see `solve`).
         linear_iterations: Iterations of its linear solver, one each where it factorises.
         total: Iterations of all solves.
         linear_solver: What it is, and its memory.
@@ -96,29 +62,18 @@ class Newton:
         self.system = System(problem, timings)
         self.timings = timings
         self.iterations = self.linear_iterations = self.total = 0
-        solver = problem.config.solver
-        self._tolerance = solver.tolerance * Scales.of(problem).array()
-        self._port_tolerance = solver.tolerance
-        scale = dict(zip((MOUNT, TERMINAL, CHAMBER), self._tolerance[[0, 1, 3]], strict=True))
-        scale[TURN] = scale[MOUNT] * problem.domain.sizes.span
-        self._dual_tolerance = {p.name: scale[p.kind] for p in problem.device.ports}
-        thickness = problem.domain.sizes.thickness
-        modulus = problem.config.film.shear_modulus_at_rest
-        # mm, kV, mm, MPa
-        self._step_tolerance = _STEP * np.array([thickness, 1.0, thickness, modulus])
-        self._snes = PETSc.SNES().create(problem.domain.comm)
-        self._snes.setFunction(_weak(self._residual), self.system.residual_vector)
-        self._snes.setJacobian(_weak(self._tangent), self.system.matrix)
-        self._snes.setConvergenceTest(_weak(self._test))
-        # `_test` alone decides; PETSc 3.25 would take a failed line search for a small step
-        self._snes.setTolerances(stol=0.0, max_it=_iterations(problem.config))
-        self.linear_solver = set_linear_solver(self._snes, self.system, symmetric)
-        set_options(self._snes.getOptionsPrefix(), _OPTIONS)
-        self._snes.setFromOptions()
-        self._iterative = self._snes.getKSP().getType() == "fgmres"
-        self._factored = False
+        self._tolerances = Tolerances.of(problem)
+        self._most = _iterations(problem.config)
+        self._ksp = PETSc.KSP().create(problem.domain.comm)
+        self._ksp.setOperators(self.system.matrix)
+        self.linear_solver = set_linear_solver(self._ksp, self.system, symmetric)
+        self._ksp.setFromOptions()
+        self._iterative = self._ksp.getType() == "fgmres"
+        self._blocks = self._ksp.getPC().getType() == "fieldsplit"
+        self._step = self.system.q.duplicate()  # the last one
+        self._state: int | None = None  # of the matrix with the last tangent
         self._logged = factorisation_seconds()
-        self._norms = np.zeros(len(FIELDS))
+        self._norms, self._worst_port = np.zeros(len(FIELDS)), 0.0
 
     def solve(self) -> int:
         """Solve from the current q; returns the number of iterations.
@@ -126,71 +81,94 @@ class Newton:
         Raises:
             NotConverged: With the reason; q is then meaningless.
         """
-        free(self.system.map.comm)
+        system = self.system
+        free(system.map.comm)
+        self.iterations = self.linear_iterations = 0
+        size, met = self._judge(), self._met(moved=False)
+        while not met:
+            if self.iterations == self._most:
+                raise NotConverged(self._told("no convergence within the iterations allowed"))
+            size = self._iterate(size)
+            met = self._met()
+        if system.problem.locked():
+            raise NotConverged("a law locks: it is stretched to 99 % of its limit")
+        return self.iterations
+
+    def _iterate(self, size: float) -> float:
+        """One iteration: from a size of the residual to the next.
+
+        Where a new tangent leaves little of the residual, it serves again for corrections, at a
+        sixth of the cost, as long as they converge. One that makes the residual grow is taken back.
+        """
+        self.assemble()
+        self.iterations += 1
+        before, size = size, self._advance()
+        if size == math.inf:
+            raise NotConverged(self._told("an element turned inside out"))
+        left = not self._met()
+        while left and size <= _REUSE * before:
+            before, size = size, self._advance()
+            if size > before and before > 1:
+                self.system.q.axpy(1.0, self._step)
+                return self._judge()
+            left = before > 1 or not self._met()  # it converges linearly: one more makes it exact
+        return size
+
+    def answer(self) -> Any:
+        """How q answers to inputs that have changed a little, or None if that costs too much.
+
+        Two back-substitutions with the tangent at hand: the second one corrects the first, and
+        tells whether it is the tangent of this state and of these equations of the ports.
+        """
+        system = self.system
+        at, part, right, sizes = system.q.copy(), system.q.duplicate(), system.q.duplicate(), []
+        if self._state is None:  # nothing has been factorised yet
+            system.residual(at, right)
+            self.assemble()
+        elif self._state != system.matrix.stateGet():
+            return None  # something else has been assembled since
+        for _ in range(2):
+            system.residual(at, right)
+            system.eliminate(right)
+            self._ksp.solve(right, part)
+            at.axpy(-1.0, part)
+            sizes.append(part.norm())
+        if not sizes[1] <= _FITS * sizes[0]:
+            return None
+        at.axpy(-1.0, system.q)
+        return at
+
+    def assemble(self) -> None:
+        """The tangent at the state of the last residual; PETSc factorises it when it is needed."""
+        self.system.tangent(self.system.matrix)
+        self._state = self.system.matrix.stateGet()
+        self.total += 1
+
+    def _advance(self) -> float:
+        """One step with the last tangent; the size of the residual behind it."""
+        system, right = self.system, self.system.residual_vector
+        system.eliminate(right)
         try:
-            self._snes.solve(None, self.system.q)
+            self._ksp.solve(right, self._step)
         except PETSc.Error as error:
             if error.ierr != _EXTERNAL:
                 raise
             raise Singular(_SINGULAR) from None
-        self.iterations = self._snes.getIterationNumber()
-        self.linear_iterations = self._snes.getLinearSolveIterations()
-        self.total += self.iterations
-        reason = self._snes.getConvergedReason()
-        if reason < 0:
-            worst = ", ".join(
-                f"{name} {norm / limit:.1e}"
-                for name, norm, limit in zip(FIELDS, self._norms, self._tolerance, strict=True)
-                if not norm <= limit
-            )
-            known = {
-                Reason.DIVERGED_MAX_IT: "no convergence within the iterations allowed",
-                DIVERGED_NAN: "an element turned inside out",
-                Reason.DIVERGED_LINEAR_SOLVE: _STALLED if self._iterative else _SINGULAR,
-            }
-            what = known.get(reason, f"SNES reason {reason}")
-            raise NotConverged(f"{what} (residual over tolerance: {worst or 'ports'})")
-        if self.system.problem.locked():
-            raise NotConverged("a law locks: it is stretched to 99 % of its limit")
-        return int(self.iterations)
+        self.linear_iterations += self._ksp.getIterationNumber()
+        if self._ksp.getConvergedReason() < 0:
+            raise NotConverged(self._told(_STALLED if self._iterative else _SINGULAR))
+        system.q.axpy(-1.0, self._step)
+        return self._judge()
+
+    @property
+    def factored(self) -> bool:
+        """Whether a tangent has been assembled, of some state."""
+        return self._state is not None
 
     @property
     def factorisation_seconds(self) -> float:
         """Time in symbolic and numeric factorisations and back-substitutions since the start."""
         return factorisation_seconds() - self._logged
-
-    def capacitance(self, port: str) -> float:
-        """Small-signal capacitance of the one terminal at 0 V with the body frozen, nF.
-
-        One back-substitution with the last tangent gives a trial potential for a unit test
-        voltage; the electric energy is stationary in it, so its error enters squared. Of a sheet,
-        whose layers have no potential of their own, it is the derivative of its charge.
-        """
-        system, problem = self.system, self.system.problem
-        if problem.sheet is not None:
-            return -problem.integrate(f"corner {port} {port}")
-        q = system.q
-        if not self._factored or system.charging is not None:
-            with nullcontext() if system.charging is None else system.charging.at_once():
-                system.residual(q, system.residual_vector)
-                self._tangent(self._snes, q, system.matrix, system.matrix)
-                self._snes.getKSP().setOperators(system.matrix)
-        unit, response = q.duplicate(), q.duplicate()
-        unit.set(0.0)
-        system.map.set_port(unit, port, 1.0)
-        system.eliminate(unit)
-        self._solve_linear(unit, response, exactly=self._iterative)
-        volts = system.map.port_values(response)[port]
-        trial = q.copy()
-        fields = system.map.field == FIELDS.index("potential")
-        trial.array[: len(fields)][fields] = response.array_r[: len(fields)][fields] / volts
-        system.map.set_port(trial, port, 1.0)
-        system.expand(trial)
-        energy = problem.integrate("electric")
-        system.expand(q)
-        if system.charging is not None:
-            system.residual(q, system.residual_vector)
-        return -2 * energy
 
     def responses(self) -> list[Any]:
         """How the state follows each port, at unit rate and the others held (collective).
@@ -200,15 +178,13 @@ class Newton:
         system = self.system
         system.residual(system.q, system.residual_vector)
         system.tangent(system.matrix)
-        self._factored = True
-        self._snes.getKSP().setOperators(system.matrix)
         found = []
         for port in system.ports:
             unit, response = system.q.duplicate(), system.q.duplicate()
             unit.set(0.0)
             system.map.set_port(unit, port, 1.0)
             system.eliminate(unit)
-            self._solve_linear(unit, response, exactly=self._iterative)
+            self.solve_linear(unit, response)
             found.append(response)
         return found
 
@@ -241,60 +217,71 @@ class Newton:
         """Rate of q as the right-hand side of a port's equation grows, at the current state."""
         system = self.system
         system.residual(system.q, system.residual_vector)
-        self._tangent(self._snes, system.q, system.matrix, system.matrix)
+        system.tangent(system.matrix)
         unit, found = system.q.duplicate(), system.q.duplicate()
         unit.set(0.0)
         system.map.set_port(unit, port, 1.0)
         system.eliminate(unit)
-        self._snes.getKSP().setOperators(system.matrix)
-        self._solve_linear(unit, found, exactly=True)
+        self.solve_linear(unit, found)
         return found
 
-    def _solve_linear(self, right: Any, found: Any, exactly: bool) -> None:
+    def solve_linear(self, right: Any, found: Any) -> None:
         """Solve with the last tangent; Newton corrects a coarse solution, nothing corrects this.
 
         Raises:
             NotConverged: If an iterative solver does not come so far.
         """
-        solver = self._snes.getKSP()
-        coarse = solver.getTolerances()[0]
-        solver.setTolerances(rtol=_EXACT if exactly else coarse)
+        solver, kind, coarse = self._ksp, self._ksp.getType(), self._ksp.getTolerances()[0]
+        if self._blocks:  # one sweep over them is nearly exact
+            solver.setType("gmres")
+        solver.setTolerances(rtol=_EXACT)
         solver.solve(right, found)
         solver.setTolerances(rtol=coarse)
+        solver.setType(kind)
         if solver.getConvergedReason() < 0 and self._iterative:
             raise NotConverged(_STALLED)
 
-    # --- SNES callbacks --------------------------------------------------------------------------
+    # --- convergence -----------------------------------------------------------------------------
 
-    def _residual(self, _snes: Any, q: Any, out: Any) -> None:
-        self.system.residual(q, out)
-
-    def _tangent(self, _snes: Any, _q: Any, matrix: Any, _preconditioner: Any) -> None:
-        self.system.tangent(matrix)
-        self.system.eliminate(self.system.residual_vector)  # SNES evaluates it anew after the step
-        self._factored = True
-
-    def _test(self, _snes: Any, iteration: int, norms: tuple[float, float, float]) -> Any:
-        """Every field, and every port, within its own tolerance."""
-        residual = self.system.residual_vector
-        if not math.isfinite(norms[2]):
-            return DIVERGED_NAN
-        self._norms = self.system.field_norms(residual)
-        ports = self.system.map.port_values(residual)
+    def _judge(self) -> float:
+        """Evaluate the residual; its largest part over what is tolerated, infinite if undefined."""
+        system, residual = self.system, self.system.residual_vector
+        system.residual(system.q, residual)
+        self._norms = system.field_norms(residual)
+        ports = system.map.port_values(residual)
         if log.isEnabledFor(logging.DEBUG):
             shown = [*zip(FIELDS, self._norms, strict=True), *ports.items()]
-            log.debug("  %2d  %s", iteration, "  ".join(f"{k} {abs(v):.1e}" for k, v in shown))
-        limits = {
-            name: self._port_tolerance if law.value is not None else self._dual_tolerance[name]
-            for name, law in self.system.ports.items()
-        }
-        if all(abs(ports[n]) <= limits[n] for n in ports):
-            if (self._norms <= self._tolerance).all():
-                return Reason.CONVERGED_FNORM_ABS
-            near = (self._norms <= _ROUNDING * self._tolerance).all()
-            if iteration > 0 and near and self._step_is_negligible():
-                return Reason.CONVERGED_SNORM_RELATIVE
-        return Reason.ITERATING
+            log.debug(
+                "  %2d  %s", self.iterations, "  ".join(f"{k} {abs(v):.1e}" for k, v in shown)
+            )
+        limits = self._tolerances.of_ports(system.ports)
+        self._worst_port = max(abs(ports[name]) / limit for name, limit in limits.items())
+        size = max(self._worst_field, self._worst_port)
+        return size if math.isfinite(size) else math.inf
+
+    @property
+    def _worst_field(self) -> float:
+        return float((self._norms / self._tolerances.fields).max())
+
+    def _met(self, moved: bool = True) -> bool:
+        """Whether every field and every port is within its own tolerance.
+
+        Args:
+            moved: Whether there was a step, that could have been negligible.
+        """
+        if not self._worst_port <= 1:
+            return False
+        near = moved and self._worst_field <= _ROUNDING
+        return self._worst_field <= 1 or (near and self._step_is_negligible())
+
+    def _told(self, what: str) -> str:
+        """A failure, and where it is worst."""
+        worst = ", ".join(
+            f"{name} {norm / limit:.1e}"
+            for name, norm, limit in zip(FIELDS, self._norms, self._tolerances.fields, strict=True)
+            if not norm <= limit
+        )
+        return f"{what} (residual over tolerance: {worst or 'ports'})"
 
     def _step_is_negligible(self) -> bool:
         """Whether the last step was so small that the next one cannot matter.
@@ -302,27 +289,11 @@ class Newton:
         Near incompressibility the residual cannot fall below its own rounding error, of the order
         of the bulk modulus; Newton's step still shows that the state is exact.
         """
-        step = self.system.field_norms(self._snes.getSolutionUpdate())
-        return bool((step <= self._step_tolerance).all())
+        step = self.system.field_norms(self._step)
+        return bool((step <= self._tolerances.steps).all())
 
 
 def _iterations(config: Config) -> int:
     """Most iterations; what wrinkles is found among them."""
     folding = config.physics.wrinkling == "tension_field"
     return config.solver.max_iterations * (_FOLDING if folding else 1)
-
-
-def _weak(method: Callable[..., Any]) -> Callable[..., Any]:
-    """A callback that does not keep its object, and with it the mesh and MPI's communicators.
-
-    PETSc holds callbacks where Python's collector does not see them: bound methods would make a
-    cycle that is never freed.
-    """
-    found = weakref.WeakMethod(method)
-
-    def call(*arguments: Any) -> Any:
-        alive = found()
-        assert alive is not None
-        return alive(*arguments)
-
-    return call

@@ -14,7 +14,7 @@ import numpy as np
 from dealib.config.schema import Config
 from dealib.device.device import Device
 from dealib.device.records import TERMINAL, Port
-from dealib.fem.differential import capacitance_matrix, condensed, port_stiffness
+from dealib.fem.differential import capacitance, capacitance_matrix, condensed, port_stiffness
 from dealib.fem.films import FilmPoints
 from dealib.fem.inertia import Inertia
 from dealib.fem.modes import Modes
@@ -160,7 +160,7 @@ class Snapshot:
         small = 1e-6 * self.newton.system.problem.domain.sizes.thickness  # 1e-6 kV/mm
         if abs(volts) > small and self.newton.system.charging is None:
             return self.dual(port) / volts
-        return self.newton.capacitance(port.name)
+        return capacitance(self.newton, port.name)
 
     @cached_property
     def capacitances(self) -> dict[tuple[str, str], float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -123,14 +124,20 @@ class Engine:
         system.inertia = inertia if dynamic else None
 
     def in_time(self) -> dict[str, Any]:
-        """What goes on in time besides, on rank 0: 'rates' and 'charges' (collective).
+        """What a checkpoint holds beside the states, on rank 0 (collective).
 
-        See `Inertia.gather` and `Charging.gather`; None in equilibrium, and without resistance.
+        'rates' and 'charges' (see `Inertia.gather` and `Charging.gather`; None in equilibrium, and
+        without resistance), and the predictor's rates as 'slopes' (nodal as states are; or None).
         """
         system = self.newton.system
         parts = {"rates": system.inertia, "charges": system.charging}
         found = {name: part and part.gather(self.layout) for name, part in parts.items()}
-        if any(part is not None for part in parts.values()):
+        slopes = []
+        for rate in self.predictor.rates:
+            system.map.expand(rate, self.problem.spaces.w, system.values)
+            slopes.append(self.layout.gather())
+        found["slopes"] = np.array(slopes) if slopes and self.comm.rank == 0 else None
+        if slopes or any(part is not None for part in parts.values()):
             system.expand(system.q)
         return found
 
@@ -197,13 +204,19 @@ class Engine:
                 f"damaged checkpoint ({error!r}); start anew with --overwrite"
             ) from None
         self.problem.set_prestretch(1.0)
-        known = []
         count = comm.bcast(len(saved.states), root=0)
-        ports = saved.values["ports"]
-        for k, values in enumerate(ports[len(ports) - count :]):
-            self.layout.scatter(None if mesh is None else saved.states[k])
+        ports, slopes = saved.values["ports"], saved.values["slopes"]
+
+        def reduced(nodal: Any, values: dict[str, float]) -> Any:
+            self.layout.scatter(nodal)
             system.map.restrict(w, system.q, values)
-            known.append(system.q.copy())
+            return system.q.copy()
+
+        here = mesh is not None
+        of_rates = saved.beside["slopes"] if here and slopes else [None] * len(slopes)
+        rates = [reduced(*found) for found in zip(of_rates, slopes, strict=True)]
+        ports, of_states = ports[len(ports) - count :], saved.states if here else [None] * count
+        known = [reduced(*found) for found in zip(of_states, ports, strict=True)]
         row = self.progress.row or {}
         if self.viscosity is not None and row:
             self.viscosity.restore(saved.beside.get("internal"), row["dissipated_energy_mJ"])
@@ -221,22 +234,26 @@ class Engine:
                 system.inertia = self.inertia
                 system.expand(system.q)
         # states before row 0 are not saved: they lie on the way to the pre-stretch
-        self.predictor.restore(saved.values["predictor"], known)
+        self.predictor.restore(saved.values["predictor"], known, rates)
 
     def plain(self) -> dict[str, Any]:
         """What a checkpoint holds besides the states (collective)."""
         map_, moved = self.newton.system.map, self.newton.system.inertia
         charging = self.newton.system.charging
-        of = map_.port_values
         free = {*self.problem.values, *(port for p in map_.platforms for port in p.ports)}
-        ports = [  # of those that no degree of freedom follows
-            {name: value for name, value in of(known.q).items() if name in free} if free else {}
-            for known in self.predictor.path
-        ]
+
+        def ports(vectors: Iterable[Any]) -> list[dict[str, float]]:
+            """Of those that no degree of freedom follows."""
+            if not free:
+                return [{} for _ in vectors]
+            found = map(map_.port_values, vectors)
+            return [{name: x for name, x in values.items() if name in free} for values in found]
+
         return {
             "progress": self.progress.plain(),
             "predictor": self.predictor.plain(),
-            "ports": ports,
+            "ports": ports(known.q for known in self.predictor.path),
+            "slopes": ports(self.predictor.rates),
             "rates": None if moved is None else moved.plain(),
             "charging": None if charging is None else charging.plain(),
         }

@@ -6,6 +6,7 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol
 
 from dealib.config.schema import Solver
@@ -16,6 +17,7 @@ from dealib.program.predictor import Predictor
 log = logging.getLogger(__name__)
 
 _SAFETY = 0.9  # of the increment that would just meet the tolerance
+_AHEAD = 1e-5  # of an increment: how far the inputs move for their rates
 _SMALLEST = 1e-9  # increment, of the first one wanted
 
 
@@ -113,7 +115,7 @@ class Increments:
                 then = target if step == left else clock.now + step
                 inputs = apply(then)
                 try:
-                    self._solve(kept, then, inputs)
+                    self._solve(kept, then, inputs, partial(self._rate, apply, then))
                     allowed = self._allowed(step)
                 except Singular as error:
                     raise NotConverged(f"{explain(then)} ({error})") from None
@@ -143,6 +145,21 @@ class Increments:
                     self.predictor.corner()
                 yield then
 
+    def _rate(self, apply: Callable[[float], tuple[Any, ...]], then: float) -> Any:
+        """How the last state goes on to a time; None if the tangent at hand does not tell.
+
+        In time it would not: what it is of is a step, at the end of another one.
+        """
+        if self.clocks:
+            return None
+        ahead = _AHEAD * (then - self.clock.now)
+        apply(self.clock.now + ahead)
+        rate = self.newton.answer()
+        apply(then)
+        if rate is not None:
+            rate.scale(1 / ahead)
+        return rate
+
     def _allowed(self, step: float) -> float:
         """The next increment that time integration allows.
 
@@ -157,10 +174,12 @@ class Increments:
             raise _TooCoarse(share)
         return _SAFETY * step / math.sqrt(max(share, 1e-12))
 
-    def _solve(self, kept: Any, then: float, inputs: tuple[Any, ...]) -> None:
+    def _solve(
+        self, kept: Any, then: float, inputs: tuple[Any, ...], rate: Callable[[], Any]
+    ) -> None:
         """From a prediction if there is one, else (or if that fails) from the last state."""
         q = self.newton.system.q
-        guess = self.predictor.predict(then, inputs)
+        guess = self.predictor.predict(then, inputs, rate)
         if guess is not None:
             guess.copy(q)
             try:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 _MOST, _LEAST = 64, 8  # states that are remembered for the way back
 _ROOM = 256e6  # bytes that more than the fewest of them may take
+_CUBIC = 3  # order through two states and their rates
 _SMOOTH = 0.5  # largest error of a prediction, in steps, on a smooth path
 
 
@@ -20,12 +24,14 @@ class Known:
         inputs: The inputs that led to it.
         q: The reduced unknowns.
         smooth: Whether the path came here without a jump: it was where prediction put it.
+        rate: How q goes on from it in the stage's time; None if that is not known.
     """
 
     at: float
     inputs: tuple[Any, ...]
     q: Any
     smooth: bool = False
+    rate: Any = None
 
 
 def remembered(unknowns: int) -> int:
@@ -37,8 +43,9 @@ def remembered(unknowns: int) -> int:
 class Predictor:
     """Extrapolates a smooth path, and remembers it for the way back.
 
-    Between two corners of the input the last states are extrapolated by the polynomial whose order
-    would have been best for the state before. After a
+    Between two corners of the input the last states, and their rates where they are known, are
+    extrapolated by Hermite's polynomial. Its order grows as long as the highest order would have
+    been best for the state before. After a
     corner, inputs that were met just before it are looked up: an elastic body that runs back
     along a smooth path returns to the states it came through. Newton checks each guess, so memory
     can save iterations but cannot change a result; a path that jumped (snap-through) is not
@@ -53,7 +60,7 @@ class Predictor:
         back: Index in `path` of the state that the way back reached; None if not on a way back.
     """
 
-    highest: int = 3
+    highest: int = 7
     retrace: bool = True
     memory: int = _MOST
     path: list[Known] = field(default_factory=list)
@@ -72,6 +79,8 @@ class Predictor:
         self._returned = False
         self.path.append(known)
         self.segment += 1
+        for older in self.path[: -1 - self.highest // 2]:
+            older.rate = None  # no polynomial needs it
         if len(self.path) > self.memory:
             self.path.pop(0)
             self.back = None if self.back is None else self.back - 1
@@ -86,28 +95,52 @@ class Predictor:
         """The input changes direction at the last state."""
         self.segment, self._order = min(1, len(self.path)), 1
         self.back = len(self.path) - 1 if self.path else None
+        for known in self.path:
+            known.rate = None
 
-    def predict(self, at: float, inputs: tuple[Any, ...]) -> Any:
-        """A guess of the state at a time, or None if the last state is as good."""
+    @property
+    def rates(self) -> list[Any]:
+        """The rates that are known."""
+        return [known.rate for known in self.path if known.rate is not None]
+
+    def predict(
+        self, at: float, inputs: tuple[Any, ...], rate: Callable[[], Any] = lambda: None
+    ) -> Any:
+        """A guess of the state at a time, or None if the last state is as good.
+
+        Args:
+            at: The time.
+            inputs: The inputs then.
+            rate: Finds how the last state goes on; None if that is not known.
+        """
         self._returned = False
         if self.highest == 0 or not self.path:
             return None
-        return self._recall(inputs) or self._extrapolate(at, self._order)
+        if (found := self._recall(inputs)) is not None:
+            return found
+        if self.path[-1].rate is None:
+            self.path[-1].rate = rate()
+        return self._extrapolate(at, self._order)
 
     def plain(self) -> dict[str, Any]:
         """All but the states, as plain values."""
         known = [[k.at, list(k.inputs), k.smooth] for k in self.path]
         rest = {"segment": self.segment, "back": self.back, "order": self._order}
-        return {"known": known, **rest}
+        rated = [i for i, k in enumerate(self.path, -len(self.path)) if k.rate is not None]
+        return {"known": known, "rated": rated, **rest}
 
-    def restore(self, plain: dict[str, Any], states: list[Any]) -> None:
-        """Inverse of `plain`, with the last of the states (those that were kept)."""
+    def restore(
+        self, plain: dict[str, Any], states: Sequence[Any], rates: Sequence[Any] = ()
+    ) -> None:
+        """Inverse of `plain`, with the last states (those that were kept) and their rates."""
         lost = len(plain["known"]) - len(states)
         self.path = [
             Known(at, tuple(inputs), q, smooth)
             for (at, inputs, smooth), q in zip(plain["known"][lost:], states, strict=True)
         ]
         self.segment, self._order = min(plain["segment"], len(states)), plain["order"]
+        for index, rate in zip(plain["rated"], rates, strict=True):
+            self.path[index].rate = rate
         back = plain["back"]
         self.back = None if back is None or back < lost else back - lost
 
@@ -127,27 +160,46 @@ class Predictor:
         if not self.path:
             return False
         errors = [_distance(self.path[-1].q, q)]
-        for order in range(1, min(self.highest, self.segment - 1) + 1):
+        for order in range(1, self._possible + 1):
             guess = self._extrapolate(at, order)
             errors.append(_distance(guess, q) if guess is not None else math.inf)
         best = errors.index(min(errors))
-        self._order = max(best, 1) if len(errors) <= 2 else best
+        self._order = max(best + 1, _CUBIC) if best == len(errors) - 1 else best
         return best > 0 and errors[best] <= _SMOOTH * errors[0]
 
+    @property
+    def _possible(self) -> int:
+        """Order of the polynomial through all states and rates since the corner, at most."""
+        known = self._since
+        return min(self.highest, len(known) + sum(k.rate is not None for k in known) - 1)
+
+    @property
+    def _since(self) -> list[Known]:
+        """The last states, back to the corner at most."""
+        return self.path[-min(self.segment, self.highest + 1) :]
+
     def _extrapolate(self, at: float, order: int) -> Any:
-        n = min(self.segment, order + 1)
-        if n < 2:
+        """Hermite's polynomial through the last states, and their rates where they are known."""
+        order = min(order, self._possible)
+        if order < 1:
             return None
-        known = self.path[-n:]
-        times = [k.at for k in known]
-        if at - times[-1] > 2 * (times[-1] - times[-2]):
+        known = self._since
+        now = known[-1].at
+        if len(known) > 1 and at - now > 2 * (now - known[-2].at):
             return None
-        weights = [
-            math.prod((at - s) / (t - s) for s in times if s != t) for t in times
-        ]  # Lagrange
-        guess = known[0].q.duplicate()
+        rows, data, powers = [], [], np.arange(order + 1)
+        for k in reversed(known):
+            s = (k.at - now) / (at - now)
+            rows.append(s**powers)
+            data.append(k.q)
+            if k.rate is not None:
+                rows.append(powers * s ** np.maximum(powers - 1, 0) / (at - now))
+                data.append(k.rate)
+        count = order + 1  # equations for the weights: exact for each power
+        weights = np.linalg.solve(np.array(rows[:count]).T, np.ones(count))
+        guess = data[0].duplicate()
         guess.set(0.0)
-        guess.maxpy(weights, [k.q for k in known])
+        guess.maxpy(weights, data[:count])
         return guess
 
 
