@@ -78,15 +78,18 @@ def commit():
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory, commit):
-    """The run that nobody interrupts, and how long it takes from its directory on."""
+    """The run that nobody interrupts, and how long it takes from its directory, and history, on."""
     directory = tmp_path_factory.mktemp("whole") / "run"
     assert exit_code(in_child("--out", directory)) == 0
     shutil.rmtree(directory)
     job = in_child("--out", directory)
-    wait_for(directory)
-    begin = time.perf_counter()
+    begins = {}
+    for path in (directory, directory / HISTORY):
+        wait_for(path)
+        begins[path == directory] = time.perf_counter()
     assert exit_code(job) == 0
-    return dealib.open(directory), time.perf_counter() - begin
+    end = time.perf_counter()
+    return dealib.open(directory), {first: end - begin for first, begin in begins.items()}
 
 
 def assert_same_history(run, other, rows=None):
@@ -132,17 +135,19 @@ def assert_readable(directory, whole):
 
 
 def kill_at_random(tmp_path, whole, times, seed):
-    whole, seconds = whole
+    """Half of the kills at any time, half while there is a history: steps take little of a run."""
+    whole, seconds = whole[0], dict(whole[1])
     rng, found = random.Random(seed), []
     while len(found) < times:
         directory = tmp_path / f"killed_{len(found)}"
         job = in_child("--out", directory, "--overwrite")
-        wait_for(directory)
-        delay = rng.uniform(0, seconds)
+        any_time = len(found) % 2 == 0
+        wait_for(directory if any_time else directory / HISTORY)
+        delay = rng.uniform(0, seconds[any_time])
         time.sleep(delay)
         job.kill()
         if exit_code(job) == 0:  # it was done: not a kill
-            seconds = min(seconds, delay)
+            seconds[any_time] = min(seconds[any_time], delay)
             shutil.rmtree(directory)
             continue
         found.append(assert_readable(directory, whole))

@@ -102,6 +102,7 @@ class Newton:
         """
         self.assemble()
         self.iterations += 1
+        self.total += 1
         before, size = size, self._advance()
         if size == math.inf:
             raise NotConverged(self._told("an element turned inside out"))
@@ -125,6 +126,7 @@ class Newton:
         if self._state is None:  # nothing has been factorised yet
             system.residual(at, right)
             self.assemble()
+            self.total += 1
         elif self._state != system.matrix.stateGet():
             return None  # something else has been assembled since
         for _ in range(2):
@@ -142,7 +144,6 @@ class Newton:
         """The tangent at the state of the last residual; PETSc factorises it when it is needed."""
         self.system.tangent(self.system.matrix)
         self._state = self.system.matrix.stateGet()
-        self.total += 1
 
     def _advance(self) -> float:
         """One step with the last tangent; the size of the residual behind it."""

@@ -213,8 +213,8 @@ class Engine:
             return system.q.copy()
 
         here = mesh is not None
-        of_rates = saved.beside["slopes"] if here and slopes else [None] * len(slopes)
-        rates = [reduced(*found) for found in zip(of_rates, slopes, strict=True)]
+        of_slopes = saved.beside["slopes"] if here and slopes else [None] * len(slopes)
+        ahead = [reduced(*found) for found in zip(of_slopes, slopes, strict=True)]
         ports, of_states = ports[len(ports) - count :], saved.states if here else [None] * count
         known = [reduced(*found) for found in zip(of_states, ports, strict=True)]
         row = self.progress.row or {}
@@ -234,7 +234,7 @@ class Engine:
                 system.inertia = self.inertia
                 system.expand(system.q)
         # states before row 0 are not saved: they lie on the way to the pre-stretch
-        self.predictor.restore(saved.values["predictor"], known, rates)
+        self.predictor.restore(saved.values["predictor"], known, ahead)
 
     def plain(self) -> dict[str, Any]:
         """What a checkpoint holds besides the states (collective)."""

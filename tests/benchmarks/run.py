@@ -6,8 +6,8 @@
     python tests/benchmarks/run.py --readme           # only renew README's table from results.json
 
 Every run is a process of its own, so that import, mesh, memory and processor time are its own too.
-`plain` are the settings of the prototype, as options of the same program: full Newton from the last
-state and LU of the whole tangent. Variants of a group alternate, so that a busy machine is
+`plain` are the settings of the prototype, as options of the same program: from the last state and
+with LU of the whole tangent. Variants of a group alternate, so that a busy machine is
 as unkind to all of them; medians and minima are over the repetitions.
 """
 
