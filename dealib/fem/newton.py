@@ -69,7 +69,6 @@ class Newton:
         self.linear_solver = set_linear_solver(self._ksp, self.system, symmetric)
         self._ksp.setFromOptions()
         self._iterative = self._ksp.getType() == "fgmres"
-        self._blocks = self._ksp.getPC().getType() == "fieldsplit"
         self._step = self.system.q.duplicate()  # the last one
         self._state: int | None = None  # of the matrix with the last tangent
         self._logged = factorisation_seconds()
@@ -116,10 +115,13 @@ class Newton:
         return size
 
     def answer(self) -> Any:
-        """How q answers to inputs that have changed a little, or None if that costs too much.
+        """How q answers to inputs that have changed a little; None if the tangent at hand is other.
 
-        Two back-substitutions with the tangent at hand: the second one corrects the first, and
-        tells whether it is the tangent of this state and of these equations of the ports.
+        Of two back-substitutions the second one corrects the first, and tells whether the tangent
+        is that of this state and of these equations of the ports.
+
+        Raises:
+            Singular: If nothing had been factorised before, and this cannot be.
         """
         system = self.system
         at, part, right, sizes = system.q.copy(), system.q.duplicate(), system.q.duplicate(), []
@@ -132,7 +134,7 @@ class Newton:
         for _ in range(2):
             system.residual(at, right)
             system.eliminate(right)
-            self._ksp.solve(right, part)
+            self._solve(right, part)
             at.axpy(-1.0, part)
             sizes.append(part.norm())
         if not sizes[1] <= _FITS * sizes[0]:
@@ -147,19 +149,21 @@ class Newton:
 
     def _advance(self) -> float:
         """One step with the last tangent; the size of the residual behind it."""
-        system, right = self.system, self.system.residual_vector
-        system.eliminate(right)
+        self.system.eliminate(self.system.residual_vector)
+        self._solve(self.system.residual_vector, self._step)
+        self.linear_iterations += self._ksp.getIterationNumber()
+        if self._ksp.getConvergedReason() < 0:
+            raise NotConverged(self._told(_STALLED if self._iterative else _SINGULAR))
+        self.system.q.axpy(-1.0, self._step)
+        return self._judge()
+
+    def _solve(self, right: Any, found: Any) -> None:
         try:
-            self._ksp.solve(right, self._step)
+            self._ksp.solve(right, found)
         except PETSc.Error as error:
             if error.ierr != _EXTERNAL:
                 raise
             raise Singular(_SINGULAR) from None
-        self.linear_iterations += self._ksp.getIterationNumber()
-        if self._ksp.getConvergedReason() < 0:
-            raise NotConverged(self._told(_STALLED if self._iterative else _SINGULAR))
-        system.q.axpy(-1.0, self._step)
-        return self._judge()
 
     @property
     def factored(self) -> bool:
@@ -171,16 +175,19 @@ class Newton:
         """Time in symbolic and numeric factorisations and back-substitutions since the start."""
         return factorisation_seconds() - self._logged
 
-    def responses(self) -> list[Any]:
-        """How the state follows each port, at unit rate and the others held (collective).
+    def responses(self, *ports: str) -> list[Any]:
+        """Rates of q as the right-hand side of a port's equation grows (collective).
 
-        All ports must have prescribed values. One tangent, one back-substitution a port.
+        One tangent at the current q, one back-substitution a port.
+
+        Args:
+            ports: The ports; default all.
         """
         system = self.system
         system.residual(system.q, system.residual_vector)
         system.tangent(system.matrix)
         found = []
-        for port in system.ports:
+        for port in ports or system.ports:
             unit, response = system.q.duplicate(), system.q.duplicate()
             unit.set(0.0)
             system.map.set_port(unit, port, 1.0)
@@ -214,18 +221,6 @@ class Newton:
         free = (p for p in system.problem.device.ports if system.ports[p.name].value is None)
         return int(system.map.comm.allreduce(mine) + sum(p.kind.sign < 0 for p in free))
 
-    def response(self, port: str) -> Any:
-        """Rate of q as the right-hand side of a port's equation grows, at the current state."""
-        system = self.system
-        system.residual(system.q, system.residual_vector)
-        system.tangent(system.matrix)
-        unit, found = system.q.duplicate(), system.q.duplicate()
-        unit.set(0.0)
-        system.map.set_port(unit, port, 1.0)
-        system.eliminate(unit)
-        self.solve_linear(unit, found)
-        return found
-
     def solve_linear(self, right: Any, found: Any) -> None:
         """Solve with the last tangent; Newton corrects a coarse solution, nothing corrects this.
 
@@ -233,7 +228,7 @@ class Newton:
             NotConverged: If an iterative solver does not come so far.
         """
         solver, kind, coarse = self._ksp, self._ksp.getType(), self._ksp.getTolerances()[0]
-        if self._blocks:  # one sweep over them is nearly exact
+        if solver.getPC().getType() == "fieldsplit":  # one sweep over them is nearly exact
             solver.setType("gmres")
         solver.setTolerances(rtol=_EXACT)
         solver.solve(right, found)

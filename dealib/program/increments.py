@@ -146,9 +146,9 @@ class Increments:
                 yield then
 
     def _rate(self, apply: Callable[[float], tuple[Any, ...]], then: float) -> Any:
-        """How the last state goes on to a time; None if the tangent at hand does not tell.
+        """Rate of the last state towards a time; None if the tangent at hand does not tell.
 
-        In time it would not: what it is of is a step, at the end of another one.
+        It does not where something goes on in time: a state then depends on the length of its step.
         """
         if self.clocks:
             return None

@@ -149,7 +149,7 @@ class Pair:
         """
         system = newton.system
         system.ports[self.port] = arc
-        rate = newton.response(self.port)
+        (rate,) = newton.responses(self.port)
         ports = system.map.port_values(rate)
         internal = 1 - sum(weight * ports[name] for name, weight in arc.weights)
 

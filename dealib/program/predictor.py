@@ -44,12 +44,11 @@ class Predictor:
     """Extrapolates a smooth path, and remembers it for the way back.
 
     Between two corners of the input the last states, and their rates where they are known, are
-    extrapolated by Hermite's polynomial. Its order grows as long as the highest order would have
-    been best for the state before. After a
-    corner, inputs that were met just before it are looked up: an elastic body that runs back
-    along a smooth path returns to the states it came through. Newton checks each guess, so memory
-    can save iterations but cannot change a result; a path that jumped (snap-through) is not
-    retraced across its jump.
+    extrapolated by Hermite's polynomial. Its order is the one that would have predicted the last
+    state best, or one more if that was the highest there was. After a corner, inputs that were met
+    just before it are looked up: an elastic body that runs back along a smooth path returns to the
+    states it came through. Newton checks each guess, so memory can save iterations but cannot
+    change a result; a path that jumped (snap-through) is not retraced across its jump.
 
     Attributes:
         highest: Highest order of the polynomial; 0 always starts from the last state.
