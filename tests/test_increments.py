@@ -127,14 +127,14 @@ def test_corners_are_not_extrapolated_across():
     assert newton.starts == pytest.approx([0.0, 0.5, 0.5, 2.0])
 
 
-def test_with_a_rate_each_step_of_a_straight_path_is_predicted_also_behind_a_corner():
+def test_with_rates_a_parabola_is_predicted_from_the_second_state_behind_a_corner():
     newton = FakeNewton(answers=True)
 
     def path(t):
-        return t if t <= 0.5 else 0.5 + 3 * (t - 0.5)
+        return t**2 if t <= 0.5 else 0.25 + 3 * (t - 0.5) ** 2
 
     drive(newton, [0.25, 0.5, 0.75, 1.0], corners=[0.5, 1.0], path=path, order=3)
-    assert newton.starts == pytest.approx([0.25, 0.5, 1.25, 2.0])
+    assert newton.starts == pytest.approx([0.0, 0.25, 0.25, 1.0], abs=1e-5)
 
 
 def test_no_rate_is_asked_for_where_something_goes_on_in_time():

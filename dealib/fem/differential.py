@@ -156,7 +156,8 @@ def capacitance(newton: Newton, port: str) -> float:
     if problem.sheet is not None:
         return -problem.integrate(f"corner {port} {port}")
     q, right, response = system.q, system.q.duplicate(), system.q.duplicate()
-    with nullcontext() if system.charging is None else system.charging.at_once():
+    at_once = nullcontext() if system.charging is None else system.charging.at_once()
+    with system.elsewhere(), at_once:
         if not newton.factored or system.charging is not None:
             system.residual(q, right)
             newton.assemble()
@@ -180,5 +181,6 @@ def capacitance(newton: Newton, port: str) -> float:
                 break
         system.expand(trial)
         energy = problem.integrate("electric")
-    system.residual(q, right)
+    if system.charging is not None:
+        system.residual(q, right)
     return -2 * energy

@@ -49,6 +49,7 @@ class Newton:
         iterations: Iterations of the last solve, without corrections (see `solve`).
         linear_iterations: Iterations of its linear solver, one each where it factorises.
         total: Iterations of all solves.
+        factored: Whether there is a tangent, of some state.
         linear_solver: What it is, and its memory.
 
     Args:
@@ -70,7 +71,7 @@ class Newton:
         self._ksp.setFromOptions()
         self._iterative = self._ksp.getType() == "fgmres"
         self._step = self.system.q.duplicate()  # the last one
-        self._state: int | None = None  # of the matrix with the last tangent
+        self.factored = False
         self._logged = factorisation_seconds()
         self._norms, self._worst_port = np.zeros(len(FIELDS)), 0.0
 
@@ -119,24 +120,16 @@ class Newton:
 
         Of two back-substitutions the second one corrects the first, and tells whether the tangent
         is that of this state and of these equations of the ports.
-
-        Raises:
-            Singular: If nothing had been factorised before, and this cannot be.
         """
-        system = self.system
-        at, part, right, sizes = system.q.copy(), system.q.duplicate(), system.q.duplicate(), []
-        if self._state is None:  # nothing has been factorised yet
-            system.residual(at, right)
-            self.assemble()
-            self.total += 1
-        elif self._state != system.matrix.stateGet():
-            return None  # something else has been assembled since
-        for _ in range(2):
-            system.residual(at, right)
-            system.eliminate(right)
-            self._solve(right, part)
-            at.axpy(-1.0, part)
-            sizes.append(part.norm())
+        system, sizes = self.system, []
+        at, part, right = system.q.copy(), system.q.duplicate(), system.q.duplicate()
+        with system.elsewhere():
+            for _ in range(2):
+                system.residual(at, right)
+                system.eliminate(right)
+                self._ksp.solve(right, part)
+                at.axpy(-1.0, part)
+                sizes.append(part.norm())
         if not sizes[1] <= _FITS * sizes[0]:
             return None
         at.axpy(-1.0, system.q)
@@ -145,30 +138,22 @@ class Newton:
     def assemble(self) -> None:
         """The tangent at the state of the last residual; PETSc factorises it when it is needed."""
         self.system.tangent(self.system.matrix)
-        self._state = self.system.matrix.stateGet()
+        self.factored = True
 
     def _advance(self) -> float:
         """One step with the last tangent; the size of the residual behind it."""
         self.system.eliminate(self.system.residual_vector)
-        self._solve(self.system.residual_vector, self._step)
+        try:
+            self._ksp.solve(self.system.residual_vector, self._step)
+        except PETSc.Error as error:
+            if error.ierr != _EXTERNAL:
+                raise
+            raise Singular(_SINGULAR) from None
         self.linear_iterations += self._ksp.getIterationNumber()
         if self._ksp.getConvergedReason() < 0:
             raise NotConverged(self._told(_STALLED if self._iterative else _SINGULAR))
         self.system.q.axpy(-1.0, self._step)
         return self._judge()
-
-    def _solve(self, right: Any, found: Any) -> None:
-        try:
-            self._ksp.solve(right, found)
-        except PETSc.Error as error:
-            if error.ierr != _EXTERNAL:
-                raise
-            raise Singular(_SINGULAR) from None
-
-    @property
-    def factored(self) -> bool:
-        """Whether a tangent has been assembled, of some state."""
-        return self._state is not None
 
     @property
     def factorisation_seconds(self) -> float:

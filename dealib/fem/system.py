@@ -167,6 +167,14 @@ class System:
             for name, law in self.ports.items():
                 self.map.set_port(out, name, law.residual(name, self.values, self.internal[name]))
 
+    @contextmanager
+    def elsewhere(self) -> Iterator[None]:
+        """Evaluate residuals of other states for a while (collective)."""
+        kept = self.values, self.internal, self._forces
+        yield
+        self.values, self.internal, self._forces = kept
+        self.expand(self.q)
+
     def expand(self, q: Any) -> None:
         """Set the problem's state from reduced unknowns."""
         self.map.expand(q, self.problem.spaces.w)

@@ -6,7 +6,6 @@ import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Protocol
 
 from dealib.config.schema import Solver
@@ -115,7 +114,7 @@ class Increments:
                 then = target if step == left else clock.now + step
                 inputs = apply(then)
                 try:
-                    self._solve(kept, then, inputs, partial(self._rate, apply, then))
+                    self._solve(kept, then, inputs)
                     allowed = self._allowed(step)
                 except Singular as error:
                     raise NotConverged(f"{explain(then)} ({error})") from None
@@ -135,7 +134,9 @@ class Increments:
                     apply(clock.now)
                     clock.size = step / 2
                     continue
-                self.predictor.add(then, inputs, q)
+                ends = then in corners or then == targets[-1]
+                rate = None if ends else self._rate(apply, then, step)
+                self.predictor.add(then, inputs, q, rate)
                 kept, clock.now = q.copy(), then
                 if self.newton.iterations <= self.settings.target_iterations:
                     clock.size = 2 * step if step < left else max(clock.size, 2 * step)
@@ -145,19 +146,18 @@ class Increments:
                     self.predictor.corner()
                 yield then
 
-    def _rate(self, apply: Callable[[float], tuple[Any, ...]], then: float) -> Any:
-        """Rate of the last state towards a time; None if the tangent at hand does not tell.
+    def _rate(self, apply: Callable[[float], tuple[Any, ...]], at: float, step: float) -> Any:
+        """How the state just found goes on, if its tangent tells.
 
-        It does not where something goes on in time: a state then depends on the length of its step.
+        It does not where something goes on in time: states then depend on the length of a step.
         """
-        if self.clocks:
+        if self.clocks or not self.newton.iterations or not self.predictor.highest:
             return None
-        ahead = _AHEAD * (then - self.clock.now)
-        apply(self.clock.now + ahead)
+        apply(at + _AHEAD * step)
         rate = self.newton.answer()
-        apply(then)
+        apply(at)
         if rate is not None:
-            rate.scale(1 / ahead)
+            rate.scale(1 / (_AHEAD * step))
         return rate
 
     def _allowed(self, step: float) -> float:
@@ -174,12 +174,10 @@ class Increments:
             raise _TooCoarse(share)
         return _SAFETY * step / math.sqrt(max(share, 1e-12))
 
-    def _solve(
-        self, kept: Any, then: float, inputs: tuple[Any, ...], rate: Callable[[], Any]
-    ) -> None:
+    def _solve(self, kept: Any, then: float, inputs: tuple[Any, ...]) -> None:
         """From a prediction if there is one, else (or if that fails) from the last state."""
         q = self.newton.system.q
-        guess = self.predictor.predict(then, inputs, rate)
+        guess = self.predictor.predict(then, inputs)
         if guess is not None:
             guess.copy(q)
             try:

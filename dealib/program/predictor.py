@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -68,9 +68,9 @@ class Predictor:
     _returned: bool = False
     _order: int = 1
 
-    def add(self, at: float, inputs: tuple[Any, ...], q: Any) -> None:
-        """Remember a converged state."""
-        known = Known(at, inputs, q.copy())
+    def add(self, at: float, inputs: tuple[Any, ...], q: Any, rate: Any = None) -> None:
+        """Remember a converged state, and its rate if that is known."""
+        known = Known(at, inputs, q.copy(), rate=rate)
         if self._returned:  # the way back is as smooth as the way there
             known.smooth = self.path[(self.back or 0) + 1].smooth
         else:
@@ -78,7 +78,7 @@ class Predictor:
         self._returned = False
         self.path.append(known)
         self.segment += 1
-        for older in self.path[: -1 - self.highest // 2]:
+        for older in self.path[: -(self.highest + 1) // 2]:
             older.rate = None  # no polynomial needs it
         if len(self.path) > self.memory:
             self.path.pop(0)
@@ -102,24 +102,12 @@ class Predictor:
         """The rates that are known."""
         return [known.rate for known in self.path if known.rate is not None]
 
-    def predict(
-        self, at: float, inputs: tuple[Any, ...], rate: Callable[[], Any] = lambda: None
-    ) -> Any:
-        """A guess of the state at a time, or None if the last state is as good.
-
-        Args:
-            at: The time.
-            inputs: The inputs then.
-            rate: Finds how the last state goes on; None if that is not known.
-        """
+    def predict(self, at: float, inputs: tuple[Any, ...]) -> Any:
+        """A guess of the state at a time, or None if the last state is as good."""
         self._returned = False
         if self.highest == 0 or not self.path:
             return None
-        if (found := self._recall(inputs)) is not None:
-            return found
-        if self.path[-1].rate is None:
-            self.path[-1].rate = rate()
-        return self._extrapolate(at, self._order)
+        return self._recall(inputs) or self._extrapolate(at, self._order)
 
     def plain(self) -> dict[str, Any]:
         """All but the states, as plain values."""
