@@ -28,6 +28,7 @@ from dealib.fem.tolerances import Tolerances
 log = logging.getLogger(__name__)
 
 _FITS = 0.1  # of an answer, at most, may its correction be
+_SURE = 0.01  # of the tolerance: nothing is left to correct
 _REUSE = 0.1  # of the residual, at most, may an iteration leave for its tangent to serve again
 _EXACT = 1e-12  # of a linear solution that nothing corrects afterwards
 _FOLDING = 5  # times as many iterations in tension fields, whose tangent jumps
@@ -99,6 +100,8 @@ class Newton:
 
         Where a new tangent leaves little of the residual, it serves again for corrections, at a
         sixth of the cost, as long as they converge. One that makes the residual grow is taken back.
+        A residual just within its tolerance is corrected once more, for works and energies that are
+        compared with each other.
         """
         self.assemble()
         self.iterations += 1
@@ -106,13 +109,11 @@ class Newton:
         before, size = size, self._advance()
         if size == math.inf:
             raise NotConverged(self._told("an element turned inside out"))
-        left = not self._met()
-        while left and size <= _REUSE * before:
+        while size <= _REUSE * before and not (self._met() and (size <= _SURE or before <= 1)):
             before, size = size, self._advance()
-            if size > before and before > 1:
+            if size > before > 1:
                 self.system.q.axpy(1.0, self._step)
                 return self._judge()
-            left = before > 1 or not self._met()  # it converges linearly: one more makes it exact
         return size
 
     def answer(self) -> Any:
