@@ -93,6 +93,13 @@ else:
 HAS_HYPRE = bool(PETSc.Sys.hasExternalPackage("hypre"))  # not every PETSc was built with it
 PETSc.Log.begin()  # here and not later: collective on the world in PETSc 3.22 and newer
 
+_reasons = vars(PETSc.SNES.ConvergedReason)
+DIVERGED_NAN: int = next(
+    _reasons[name]
+    for name in ("DIVERGED_FNORM_NAN", "DIVERGED_FUNCTION_NANORINF")  # PETSc renamed it
+    if name in _reasons
+)
+
 _COMPILING = "compiling the equations of this kind of problem, which is done once"
 _JIT = "jit_params" if LEGACY else "jit_options"
 

@@ -1,9 +1,11 @@
-"""Newton's method, with convergence judged field by field and tangents that serve again."""
+"""Newton's method by PETSc SNES: judged field by field, with tangents that serve again."""
 
 from __future__ import annotations
 
 import logging
 import math
+import weakref
+from collections.abc import Callable
 from typing import Any
 
 from petsc4py import PETSc
@@ -12,13 +14,14 @@ import numpy as np
 
 from dealib.config.schema import Config
 from dealib.errors import NotConverged
-from dealib.fem.compat import free
+from dealib.fem.compat import DIVERGED_NAN, free
 from dealib.fem.constraints import FIELDS
 from dealib.fem.linear import (
     Factor,
     factorisation_seconds,
     fixed_tangent,
     set_linear_solver,
+    set_options,
 )
 from dealib.fem.modes import Modes, averaged, lowest
 from dealib.fem.problem import Problem
@@ -27,15 +30,18 @@ from dealib.fem.tolerances import Tolerances
 
 log = logging.getLogger(__name__)
 
+_OPTIONS: dict[str, Any] = {"snes_type": "newtonls", "snes_linesearch_type": "basic"}
 _FITS = 0.1  # of an answer, at most, may its correction be
 _SURE = 0.01  # of the tolerance: nothing is left to correct
 _REUSE = 0.1  # of the residual, at most, may an iteration leave for its tangent to serve again
 _EXACT = 1e-12  # of a linear solution that nothing corrects afterwards
 _FOLDING = 5  # times as many iterations in tension fields, whose tangent jumps
 _ROUNDING = 1e4  # how far above the tolerance rounding may keep the residual
+_MANY = 10_000  # steps of SNES, of which `_test` allows some
 _EXTERNAL = 76  # PETSc's error of a library: MUMPS, where whole rows of the tangent are zero
 _SINGULAR = "the tangent is singular: a part is held by nothing, or not yet by any tension"
 _STALLED = "the iterative linear solver did not converge; solver.linear: direct may"
+Reason = PETSc.SNES.ConvergedReason
 
 
 class Singular(NotConverged):
@@ -66,55 +72,54 @@ class Newton:
         self.iterations = self.linear_iterations = self.total = 0
         self._tolerances = Tolerances.of(problem)
         self._most = _iterations(problem.config)
-        self._ksp = PETSc.KSP().create(problem.domain.comm)
+        self._snes = PETSc.SNES().create(problem.domain.comm)
+        self._snes.setFunction(_weak(self._residual), self.system.residual_vector)
+        self._snes.setJacobian(_weak(self._tangent), self.system.matrix)
+        self._snes.setConvergenceTest(_weak(self._test))
+        # `_test` alone decides; PETSc 3.25 would take a failed line search for a small step
+        self._snes.setTolerances(stol=0.0, max_it=_MANY)
+        self._ksp = self._snes.getKSP()
         self._ksp.setOperators(self.system.matrix)
         self.linear_solver = set_linear_solver(self._ksp, self.system, symmetric)
-        self._ksp.setFromOptions()
+        set_options(self._ksp.getOptionsPrefix(), _OPTIONS)
+        self._snes.setOptionsPrefix(self._ksp.getOptionsPrefix())
+        self._snes.setFromOptions()
         self._iterative = self._ksp.getType() == "fgmres"
-        self._step = self.system.q.duplicate()  # the last one
         self.factored = False
         self._logged = factorisation_seconds()
         self._norms, self._worst_port = np.zeros(len(FIELDS)), 0.0
+        self._size, self._again = math.inf, False
 
     def solve(self) -> int:
         """Solve from the current q; returns the number of iterations.
 
+        Where a new tangent leaves little of the residual, it serves again for corrections, at a
+        sixth of the cost, as long as they converge; these are not counted.
+
         Raises:
             NotConverged: With the reason; q is then meaningless.
         """
-        system = self.system
-        free(system.map.comm)
-        self.iterations = self.linear_iterations = 0
-        size, met = self._judge(), self._met(moved=False)
-        while not met:
-            if self.iterations == self._most:
-                raise NotConverged(self._told("no convergence within the iterations allowed"))
-            size = self._iterate(size)
-            met = self._met()
-        if system.problem.locked():
+        free(self.system.map.comm)
+        self.iterations, self._size, self._again = 0, math.inf, False
+        try:
+            self._snes.solve(None, self.system.q)
+        except PETSc.Error as error:
+            if error.ierr != _EXTERNAL:
+                raise
+            raise Singular(_SINGULAR) from None
+        self.linear_iterations = self._snes.getLinearSolveIterations()
+        self.total += self.iterations
+        reason = self._snes.getConvergedReason()
+        if reason < 0:
+            known = {
+                Reason.DIVERGED_MAX_IT: "no convergence within the iterations allowed",
+                DIVERGED_NAN: "an element turned inside out",
+                Reason.DIVERGED_LINEAR_SOLVE: _STALLED if self._iterative else _SINGULAR,
+            }
+            raise NotConverged(self._told(known.get(reason, f"SNES reason {reason}")))
+        if self.system.problem.locked():
             raise NotConverged("a law locks: it is stretched to 99 % of its limit")
         return self.iterations
-
-    def _iterate(self, size: float) -> float:
-        """One iteration: from a size of the residual to the next.
-
-        Where a new tangent leaves little of the residual, it serves again for corrections, at a
-        sixth of the cost, as long as they converge. One that makes the residual grow is taken back.
-        A residual just within its tolerance is corrected once more, for works and energies that are
-        compared with each other.
-        """
-        self.assemble()
-        self.iterations += 1
-        self.total += 1
-        before, size = size, self._advance()
-        if size == math.inf:
-            raise NotConverged(self._told("an element turned inside out"))
-        while size <= _REUSE * before and not (self._met() and (size <= _SURE or before <= 1)):
-            before, size = size, self._advance()
-            if size > before > 1:
-                self.system.q.axpy(1.0, self._step)
-                return self._judge()
-        return size
 
     def answer(self) -> Any:
         """How q answers to inputs that have changed a little; None if the tangent at hand is other.
@@ -140,21 +145,6 @@ class Newton:
         """The tangent at the state of the last residual; PETSc factorises it when it is needed."""
         self.system.tangent(self.system.matrix)
         self.factored = True
-
-    def _advance(self) -> float:
-        """One step with the last tangent; the size of the residual behind it."""
-        self.system.eliminate(self.system.residual_vector)
-        try:
-            self._ksp.solve(self.system.residual_vector, self._step)
-        except PETSc.Error as error:
-            if error.ierr != _EXTERNAL:
-                raise
-            raise Singular(_SINGULAR) from None
-        self.linear_iterations += self._ksp.getIterationNumber()
-        if self._ksp.getConvergedReason() < 0:
-            raise NotConverged(self._told(_STALLED if self._iterative else _SINGULAR))
-        self.system.q.axpy(-1.0, self._step)
-        return self._judge()
 
     @property
     def factorisation_seconds(self) -> float:
@@ -223,12 +213,41 @@ class Newton:
         if solver.getConvergedReason() < 0 and self._iterative:
             raise NotConverged(_STALLED)
 
-    # --- convergence -----------------------------------------------------------------------------
+    # --- SNES callbacks --------------------------------------------------------------------------
+
+    def _residual(self, _snes: Any, q: Any, out: Any) -> None:
+        self.system.residual(q, out)
+
+    def _tangent(self, _snes: Any, _q: Any, _matrix: Any, _preconditioner: Any) -> None:
+        if not self._again:  # else PETSc keeps the factors, as the matrix is what it was
+            self.assemble()
+            self.iterations += 1
+        self.system.eliminate(self.system.residual_vector)  # SNES evaluates it anew after the step
+
+    def _test(self, _snes: Any, iteration: int, _norms: tuple[float, float, float]) -> Any:
+        """Every field and every port within its own tolerance; if not, may the tangent serve again?
+
+        A correction that makes the residual grow is taken back. A residual just within its
+        tolerance is corrected once more, for works and energies that are compared.
+        """
+        before, corrected, size = self._size, self._again, self._judge()
+        if size == math.inf:
+            return DIVERGED_NAN
+        if corrected and size > before > 1:
+            self.system.q.axpy(1.0, self._snes.getSolutionUpdate())
+            self._residual(None, self.system.q, self.system.residual_vector)
+            size = self._judge()
+        met = self._met(moved=iteration > 0)
+        self._size, self._again = size, iteration > 0 and size <= _REUSE * before
+        if met and not (self._again and size > _SURE and before > 1):
+            return Reason.CONVERGED_FNORM_ABS
+        if self.iterations == self._most and not self._again:
+            return Reason.DIVERGED_MAX_IT
+        return Reason.ITERATING
 
     def _judge(self) -> float:
-        """Evaluate the residual; its largest part over what is tolerated, infinite if undefined."""
+        """The residual's largest part over what is tolerated, infinite if undefined."""
         system, residual = self.system, self.system.residual_vector
-        system.residual(system.q, residual)
         self._norms = system.field_norms(residual)
         ports = system.map.port_values(residual)
         if log.isEnabledFor(logging.DEBUG):
@@ -271,7 +290,7 @@ class Newton:
         Near incompressibility the residual cannot fall below its own rounding error, of the order
         of the bulk modulus; Newton's step still shows that the state is exact.
         """
-        step = self.system.field_norms(self._step)
+        step = self.system.field_norms(self._snes.getSolutionUpdate())
         return bool((step <= self._tolerances.steps).all())
 
 
@@ -279,3 +298,19 @@ def _iterations(config: Config) -> int:
     """Most iterations; what wrinkles is found among them."""
     folding = config.physics.wrinkling == "tension_field"
     return config.solver.max_iterations * (_FOLDING if folding else 1)
+
+
+def _weak(method: Callable[..., Any]) -> Callable[..., Any]:
+    """A callback that does not keep its object, and with it the mesh and MPI's communicators.
+
+    PETSc holds callbacks where Python's collector does not see them: bound methods would make a
+    cycle that is never freed.
+    """
+    found = weakref.WeakMethod(method)
+
+    def call(*arguments: Any) -> Any:
+        alive = found()
+        assert alive is not None
+        return alive(*arguments)
+
+    return call
