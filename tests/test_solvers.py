@@ -40,15 +40,15 @@ def block(thickness="4 mm", cells=4, rows=2, **sections):
 
 @functools.cache
 def states(method, cells=4, stages=3):
-    """Rows of the history, and Krylov iterations for each of Newton's."""
+    """Rows of the history, and Krylov iterations for each linear system."""
     given = {"solver": {"linear": method}, "program": PROGRAM[:stages]}
     run = laminates.simulation(block(cells=cells, rows=cells // 2, **given))
-    found, krylov, newton = [], 0, 0
+    found, krylov, solves = [], 0, 0
     for state in run:
         found.append(state.row)
         krylov += state.engine.newton.linear_iterations
-        newton += state.engine.newton.iterations
-    return found, krylov / newton
+        solves += state.engine.newton.linear_solves
+    return found, krylov / solves
 
 
 @needs_hypre

@@ -54,7 +54,8 @@ class Newton:
     Attributes:
         system: The system.
         iterations: Iterations of the last solve, without corrections (see `solve`).
-        linear_iterations: Iterations of its linear solver, one each where it factorises.
+        linear_solves: Linear systems that it solved, corrections included.
+        linear_iterations: Iterations in these, one each where it factorises.
         total: Iterations of all solves.
         factored: Whether there is a tangent, of some state.
         linear_solver: What it is, and its memory.
@@ -69,7 +70,7 @@ class Newton:
         free(problem.domain.comm)  # what earlier simulations left
         self.system = System(problem, timings)
         self.timings = timings
-        self.iterations = self.linear_iterations = self.total = 0
+        self.iterations = self.linear_solves = self.linear_iterations = self.total = 0
         self._tolerances = Tolerances.of(problem)
         self._most = _iterations(problem.config)
         self._snes = PETSc.SNES().create(problem.domain.comm)
@@ -107,6 +108,7 @@ class Newton:
             if error.ierr != _EXTERNAL:
                 raise
             raise Singular(_SINGULAR) from None
+        self.linear_solves = self._snes.getIterationNumber()
         self.linear_iterations = self._snes.getLinearSolveIterations()
         self.total += self.iterations
         reason = self._snes.getConvergedReason()

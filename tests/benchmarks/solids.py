@@ -78,7 +78,7 @@ def measure(kind: str, cells: int, linear: str, once: bool) -> dict[str, Any] | 
         count = solve()
         if count:
             each = ((time.perf_counter() - wall) / count, (time.process_time() - cpu) / count)
-            solves.append((*each, newton.linear_iterations / count))
+            solves.append((*each, newton.linear_iterations / newton.linear_solves))
         return count
 
     newton.solve = timed  # type: ignore[method-assign]
