@@ -198,10 +198,7 @@ class Newton:
         All ports must have prescribed values. One tangent, one back-substitution a port.
         """
         system = self.system
-        system.residual(system.q, system.residual_vector)
-        system.tangent(system.matrix)
-        self._factored = True
-        self._snes.getKSP().setOperators(system.matrix)
+        self.linearise()
         found = []
         for port in system.ports:
             unit, response = system.q.duplicate(), system.q.duplicate()
@@ -249,6 +246,27 @@ class Newton:
         self._snes.getKSP().setOperators(system.matrix)
         self._solve_linear(unit, found, exactly=True)
         return found
+
+    def linearise(self) -> None:
+        """Make the tangent at the current state ready for steps from it (collective)."""
+        system = self.system
+        system.residual(system.q, system.residual_vector)
+        system.tangent(system.matrix)
+        self._factored = True
+        self._snes.getKSP().setOperators(system.matrix)
+
+    def step_from(self, q: Any) -> None:
+        """Take the state one step of Newton's method from another one (collective).
+
+        The tangent is that of `linearise`, of the problem as it was then.
+        """
+        system, found = self.system, q.duplicate()
+        system.residual(q, system.residual_vector)
+        system.eliminate(system.residual_vector)
+        self._solve_linear(system.residual_vector, found, exactly=True)
+        q.copy(system.q)
+        system.q.axpy(-1.0, found)
+        system.residual(system.q, system.residual_vector)
 
     def _solve_linear(self, right: Any, found: Any, exactly: bool) -> None:
         """Solve with the last tangent; Newton corrects a coarse solution, nothing corrects this.
