@@ -11,8 +11,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from dealib.device import msh, own_mesh, own_strips, sheet, solid, sound
 from dealib.device.laminate import JOIN
 from dealib.device.plane_grid import grid
@@ -85,19 +83,6 @@ def write(config: Config, path: Path) -> dict[str, int]:
     with gmsh_model(config) as gmsh:
         save(gmsh, path)
         return cells_by_region(gmsh.model, {region.name for region in config.device.regions})
-
-
-def drawn(config: Config) -> tuple[Any, Any]:
-    """Coordinates of the nodes of a config's mesh, (nodes, 3), mm, and the cells' nodes, flat.
-
-    Raises:
-        ConfigError: If it cannot be meshed.
-    """
-    with gmsh_model(config) as gmsh:
-        mesh = gmsh.model.mesh
-        tags, xyz, _ = mesh.getNodes()
-        cells = [nodes for dim in (1, 2, 3) for nodes in mesh.getElements(dim)[2]]
-        return xyz.reshape(-1, 3)[np.argsort(tags)], np.concatenate(cells)
 
 
 def check(config: Config) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 
 from dealib.config.schema import Config
 from dealib.device.device import Device
-from dealib.device.gmsh_model import drawn
+from dealib.device.drawing import Drawing
 from dealib.errors import ConfigError, DealibError
 from dealib.fem.potential import Problem
 from dealib.fem.problem import problem_on
@@ -99,7 +99,7 @@ class Sources:
 
     def __init__(self, problem: Problem) -> None:
         self._problem, self._at_rest = problem, Numbers.of(problem)
-        self._mesh: tuple[Array, Array] | None = None
+        self._drawing: Drawing | None = None
 
     def of(self, config: Config) -> Numbers:
         """The numbers of a config.
@@ -131,12 +131,11 @@ class Sources:
         if config.mesh_file is not None:
             return known
         comm, index = self._problem.domain.comm, self._index
-        if self._mesh is None:
-            self._mesh = _drawn(own, comm)
-        (points, cells), (moved, others) = self._mesh, _drawn(config, comm)
-        if not np.array_equal(cells, others):
-            raise ConfigError("its mesh has other cells; choose another size of the cells in air")
-        same = len(known) == len(index) and np.allclose(points[index], known, rtol=0, atol=1e-12)
+        if self._drawing is None:
+            self._drawing = _drawn(own, comm)
+        moved = self._drawing.moved(_drawn(config, comm))
+        drawn = self._drawing.nodes[index]
+        same = len(known) == len(index) and np.allclose(drawn, known, rtol=0, atol=1e-12)
         if not comm.allreduce(bool(same), op=MPI.LAND):
             raise ConfigError("the nodes of its mesh are not where they were drawn")
         return np.asarray(moved[index])
@@ -150,16 +149,16 @@ def _shapes(numbers: Numbers) -> tuple[list[Any], list[Any]]:
     return [c.shape for c in numbers.constants], [v.shape for v in numbers.values]
 
 
-def _drawn(config: Config, comm: MPI.Comm) -> tuple[Array, Array]:
-    """Nodes and cells of a config's mesh on all ranks (collective)."""
-    found: Any = None
+def _drawn(config: Config, comm: MPI.Comm) -> Drawing:
+    """The mesh of a config on all ranks (collective)."""
+    found: Drawing | DealibError | None = None
     if comm.rank == 0:
         try:
-            found = drawn(config)
+            found = Drawing.of(config)
         except DealibError as error:
             found = error
     found = comm.bcast(found, root=0)
     if isinstance(found, DealibError):
         raise found
+    assert found is not None
     return found
-

@@ -162,7 +162,7 @@ class Problem:
         equations = [self.densities(group)[2] for group in self.groups]
         equations += [density(e, self.point_of(e.on)) for e in self.mesh_motion]
         equations += [self.load_of(port) for port, _ in self.loads]
-        equations += [self.domain.symbolic.volume(self.point.x), ufl_form(self, "residual")]
+        equations += [self.domain.symbolic.volume(ufl.SpatialCoordinate(self.domain.mesh)), ufl_form(self, "residual")]
         every = [(extract_constants(e), extract_coefficients(e)) for e in equations]
         one, two = ({x.count(): x for found in of for x in found} for of in zip(*every, strict=True))
         return [one[k] for k in sorted(one)], [two[k] for k in sorted(two)]
