@@ -180,7 +180,7 @@ class _Quantities:
         self._asked = bool(of)
         self._known = {text: self._parsed(text, known) for text in texts}
         self.needed = {name for e in self._known.values() for name in e.names}
-        if any("stroke" == name for e in self._known.values() for name, _ in e.calls):
+        if any(name == "stroke" for e in self._known.values() for name, _ in e.calls):
             self.needed |= {column for pair in self._answers.values() for column in pair}
         if "energy_residual_mJ" in self.needed:
             self.needed |= {*STORED, *LOST}

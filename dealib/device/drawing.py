@@ -102,9 +102,10 @@ class Drawing:
         ends = np.concatenate([self.air[:, list(edge)] for edge in _EDGES])
         i, j = np.concatenate([ends, ends[:, ::-1]]).T
         near = coo_array((np.ones(len(i)), (i, j)), (size, size)).tocsr()[n:]
-        inner = coo_array(
-            (near.sum(axis=1), (np.arange(size - n),) * 2), (size - n, size - n)
-        ) - near[:, n:]
+        inner = (
+            coo_array((near.sum(axis=1), (np.arange(size - n),) * 2), (size - n, size - n))
+            - near[:, n:]
+        )
         return np.asarray(spsolve(inner.tocsc(), near[:, :n] @ shift)).reshape(-1, 3)
 
 

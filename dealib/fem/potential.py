@@ -159,13 +159,15 @@ class Problem:
     @cached_property
     def data(self) -> tuple[list[Any], list[Any]]:
         """The constants and the functions that its equations read, in the order of their making."""
+        x = ufl.SpatialCoordinate(self.domain.mesh)
         equations = [self.densities(group)[2] for group in self.groups]
         equations += [density(e, self.point_of(e.on)) for e in self.mesh_motion]
         equations += [self.load_of(port) for port, _ in self.loads]
-        equations += [self.domain.symbolic.volume(ufl.SpatialCoordinate(self.domain.mesh)), ufl_form(self, "residual")]
-        every = [(extract_constants(e), extract_coefficients(e)) for e in equations]
-        one, two = ({x.count(): x for found in of for x in found} for of in zip(*every, strict=True))
-        return [one[k] for k in sorted(one)], [two[k] for k in sorted(two)]
+        equations += [self.domain.symbolic.volume(x), ufl_form(self, "residual")]
+        constants = {c.count(): c for e in equations for c in extract_constants(e)}
+        functions = {f.count(): f for e in equations for f in extract_coefficients(e)}
+        one, two = ([found[k] for k in sorted(found)] for found in (constants, functions))
+        return one, two
 
     # --- integrals -------------------------------------------------------------------------------
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -25,7 +25,7 @@ class Rows:
         work: What it is of.
     """
 
-    def __init__(self, names: Mapping[str, Array], stages: Sequence[str], work: Work) -> None:
+    def __init__(self, names: Mapping[str, Array], stages: Any, work: Work) -> None:
         self.names, self._stages, self._work = names, np.asarray(stages), work
 
     @property
