@@ -87,7 +87,7 @@ OF_A_HISTORY = {
     "at": Signature(
         ("values", "values", "number"), "the first values where the second first reach a number"
     ),
-    "stroke": Signature(("stage",), "the largest change of the (first) mount's displacement, mm"),
+    "stroke": Signature(("stage",), "how far the (first) mount moves there under voltage, mm"),
     "setting": _SETTING,
 }
 # functions that a case offers besides (see `dealib.study.outcome`)

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 
 from dealib.config.schema import Config
-from dealib.device.records import MOUNT
+from dealib.device.records import MOUNT, TERMINAL
 from dealib.errors import did_you_mean
 from dealib.results.elements import Array
 from dealib.results.mesh import Ints
 from dealib.study.expressions import Function
 from dealib.study.scope import Work, setting
+
+_VOLTS = TERMINAL.primal.column
 
 
 class Rows:
@@ -60,11 +62,17 @@ class Rows:
         return x[self._from(stage) : self.of(stage)[-1] + 1]
 
     def _stroke(self, stage: str) -> float:
+        """As `dealib info` tells it: under voltage, against the state just before it."""
         mounts = self._work.device.of(MOUNT) if isinstance(self._work, Config) else ()
         if not mounts:
             raise ValueError("stroke: there is no mount")
-        moved = self._during(self.names[mounts[0].column(MOUNT.primal)], stage)
-        return float(np.abs(moved - moved[0]).max())
+        rows, voltages = self.of(stage), [self.names[n] for n in self.names if n.startswith(_VOLTS)]
+        if voltages:
+            size = np.abs(voltages).max(axis=0)
+            under = rows[size[rows] > 1e-9 * size.max()]
+            rows = under if len(under) else rows
+        moved = self.names[mounts[0].column(MOUNT.primal)]
+        return float(np.abs(moved[rows] - moved[max(int(rows[0]) - 1, 0)]).max())
 
 
 def _at(x: Array, y: Array, value: float) -> float:
