@@ -53,10 +53,8 @@ def keys(config: Config, wanted: Sequence[str] = ()) -> list[Key]:
     """
     given = list(_numbers(_tree(config, config.model_dump(exclude_unset=True, exclude_none=True))))
     if not wanted:
-        times = any(m.memory for m in config.solids.values())
-        times = times or any(port.openings for port in config.device.ports)
         chosen = (k for k in given if k.path[0] in (*_PHYSICAL, *_PROGRAM) and k.value)
-        return [k for k in chosen if times or k.path[-1] != _TIMES]
+        return [k for k in chosen if in_time(config) or k.path[-1] != _TIMES]
     every = list(_numbers(config.model_dump(exclude_none=True)))
     known = {k.name: k for k in (*every, *given)}
     found: dict[str, Key] = {}
@@ -70,6 +68,12 @@ def keys(config: Config, wanted: Sequence[str] = ()) -> list[Key]:
             raise ConfigError(f"{name} is 0, of which there is no relative change")
         found |= {k.name: k for k in inside}
     return list(found.values())
+
+
+def in_time(config: Config) -> bool:
+    """Whether a program without inertia depends on its durations."""
+    flows = any(port.openings for port in config.device.ports)
+    return flows or any(material.memory for material in config.solids.values())
 
 
 def changed(config: Config, key: Key, factor: float) -> Config:

@@ -21,7 +21,7 @@ import numpy as np
 from dealib.config.bias import SecondFilm
 from dealib.config.case import Case
 from dealib.config.schema import Config
-from dealib.design.keys import Key, changed, keys
+from dealib.design.keys import Key, changed, in_time, keys
 from dealib.errors import ConfigError, ValueAt, did_you_mean
 from dealib.fem.compat import free
 from dealib.fem.numbers import Numbers, Sources
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 _STEP = 1e-5  # change of a number, of itself
+_TRACED = ("work_mJ", "residual_mJ")  # columns that sum over the states
 _NO_COLUMNS = ("newton_iterations", "step")
 
 
@@ -106,7 +107,8 @@ def find(
     rows = []
     for state in base:
         rows.append(state.row)
-        near.follow()
+        if state.end_of_stage or not quantities.ends_only:
+            near.follow()
     values = quantities.values(rows, base)
     found = []
     for name, value in values.items():
@@ -153,6 +155,10 @@ def _refuse(config: Config) -> None:
                 raise ValueAt(("materials", name, softens), said)
 
 
+def _stem(column: str) -> str:
+    return column.partition(".")[0]
+
+
 class _Quantities:
     """The quantities that are asked for.
 
@@ -185,9 +191,15 @@ class _Quantities:
         if "energy_residual_mJ" in self.needed:
             self.needed |= {*STORED, *LOST}
 
+    @property
+    def ends_only(self) -> bool:
+        """Whether states at the ends of stages are enough: nothing else leaves a trace in them."""
+        traced = in_time(self._config) or any(_stem(n).endswith(_TRACED) for n in self.needed)
+        return not traced and all(e.ends_only for e in self._known.values())
+
     def _parsed(self, text: str, stages: Sequence[str]) -> Expression:
         there = [c.name for c in measured(self._config) if c.name not in _NO_COLUMNS]
-        there += [n for n in columns(self._config) if "_work_mJ" in n or "residual" in n]
+        there += [n for n in columns(self._config) if _stem(n).endswith(_TRACED)]
         there.append("time_s")
         try:
             found = Expression(text, OF_A_HISTORY)

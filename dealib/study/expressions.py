@@ -34,6 +34,8 @@ _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Pow: _power,
 }
 
+_OF_ENDS = ("abs", "sqrt", "exp", "log", "end", "start", "setting")  # functions, see `ends_only`
+
 Function = Callable[..., Any]
 
 
@@ -129,6 +131,8 @@ class Expression:
         names: The names that it reads.
         calls: The scope's functions that it calls, each with its arguments: None if they are not
             known before it is evaluated.
+        ends_only: Whether of a history it reads the states at the ends of stages alone, if it is a
+            number.
 
     Raises:
         ValueError: If it is more than arithmetic, or calls an unknown function.
@@ -144,6 +148,7 @@ class Expression:
             raise ValueError(f"{text!r} is no arithmetic expression") from None
         self._extra = dict(extra)
         self.calls: list[tuple[str, tuple[Any, ...]]] = []
+        self.ends_only = True
         self.names = self._check(self._tree)
 
     def _check(self, node: ast.AST) -> frozenset[str]:
@@ -166,6 +171,7 @@ class Expression:
         raise ValueError(f"{part!r}: only numbers, names, + - * / ** and functions are allowed")
 
     def _check_call(self, name: str, given: int) -> None:
+        self.ends_only &= name in _OF_ENDS
         if name in COMMON:
             needed = 1
         elif name in self._extra:
