@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import subprocess
 import sys
 from dataclasses import replace
@@ -387,6 +388,20 @@ def test_the_command_writes_draws_and_prints(tmp_path):
     assert str(done.exception) == (
         f"{out / 'sensitivity.csv'} exists; choose another --out, or --overwrite it"
     )
+
+
+def test_readme_shows_what_the_command_prints(tmp_path):
+    readme = (CONFIGS.parent / "README.md").read_text(encoding="utf-8")
+    section = readme.partition("\n## Design\n")[2].partition("\n## ")[0]
+    line = shlex.split(section.strip().splitlines()[0])
+    assert line[:3] == [".venv/bin/dealib", "sensitivity", "configs/deap100.yaml"]
+    path = CONFIGS / "deap100.yaml"
+    done = CliRunner().invoke(app, ["sensitivity", str(path), *line[3:], "--out", str(tmp_path)])
+    assert done.exit_code == 0, repr(done.exception)
+    shown = section.partition("```text\n")[2].partition("```")[0].splitlines()
+    for one, other in zip(shown, done.output.splitlines(), strict=False):
+        for a, b in zip(one.split(), other.split(), strict=True):
+            assert a == b or float(a) == pytest.approx(float(b), rel=1e-4, abs=1e-4), (one, other)
 
 
 @pytest.mark.mpi
