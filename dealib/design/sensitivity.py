@@ -25,7 +25,6 @@ from dealib.design.keys import Key, changed, in_time, keys
 from dealib.errors import ConfigError, ValueAt, did_you_mean
 from dealib.fem.compat import free
 from dealib.fem.numbers import Numbers, Sources
-from dealib.fem.system import PortLaw
 from dealib.observe.quantities import columns, measured
 from dealib.program.simulation import Simulation
 from dealib.program.work import LOST, STORED
@@ -300,21 +299,22 @@ class _Neighbours:
     def follow(self) -> None:
         """Follow to the present state."""
         engine = self._base.engine
-        newton, system = engine.newton, engine.newton.system
-        laws, q, linear = dict(system.ports), system.q.copy(), -1
+        problem, newton, system = engine.problem, engine.newton, engine.newton.system
+        laws, q, linear, own = dict(system.ports), system.q.copy(), -1, Numbers.of(engine.problem)
+
+        def back() -> None:
+            own.put(problem)
+            system.ports.update(laws)
+            q.copy(system.q)
+            system.residual(system.q, system.residual_vector)
+
         for side in (side for pair in self.pairs for side in pair.sides):
             if system.tangents != linear:  # the first one, or a quantity has needed one of its own
-                self._return(laws, q)
+                back()
                 newton.linearise()
                 linear = system.tangents
-            with side.numbers.placed(engine.problem):
-                side.rows.append(side.simulation.beside(self._base.progress, q).row)
-        self._return(laws, q)
+            side.numbers.put(problem)
+            side.rows.append(side.simulation.beside(self._base.progress, q).row)
+            side.numbers.take(problem)
+        back()
         free(self._base.comm)
-
-    def _return(self, laws: dict[str, PortLaw], q: Any) -> None:
-        """To the state of the config itself."""
-        system = self._base.engine.newton.system
-        system.ports.update(laws)
-        q.copy(system.q)
-        system.residual(system.q, system.residual_vector)

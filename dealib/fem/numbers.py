@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mpi4py import MPI
@@ -78,6 +78,13 @@ class Numbers:
             sheet.thickness = thickness
         problem.constraints.platforms, problem.reform = self.platforms, self.reform
 
+    def take(self, problem: Problem) -> None:
+        """Keep what a program has changed in a problem since it was given these numbers."""
+        constants, functions = problem.data
+        self.constants = [np.array(c.value) for c in constants]
+        self.values = [f.x.array.copy() for f in functions]
+        self.reform = problem.reform
+
     @contextmanager
     def placed(self, problem: Problem) -> Iterator[None]:
         """Give them to a problem for a while; what changes meanwhile is kept here."""
@@ -86,9 +93,7 @@ class Numbers:
         try:
             yield
         finally:
-            now = Numbers.of(problem)
-            for field in fields(self):
-                setattr(self, field.name, getattr(now, field.name))
+            self.take(problem)
             before.put(problem)
 
 
