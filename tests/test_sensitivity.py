@@ -11,6 +11,7 @@ from pathlib import Path
 import dealib
 from dealib.design import sensitivity
 from dealib.design.keys import changed, keys
+from dealib.design.neighbours import Neighbours
 
 # isort: split
 import numpy as np
@@ -197,6 +198,8 @@ def test_forces_scale_with_the_modulus_and_reciprocity_holds():
     assert slopes["materials.film.relative_permittivity"] == 0
     coupled = dealib.load(SMALL, set={"program.1.terminal.voltage": "2 kV"})
     table = dealib.sensitivities(coupled, key=["program"]).set_index(["quantity", "key"])
+    pushed = dealib.sensitivities(dealib.load(VISCOUS), key=["program.0.mount"], at="push")
+    assert pushed["quantity"].tolist() == ["force_N", "charge_uC"]  # the mount is free at the end
     by_voltage = table.loc[("force_N", "program.1.terminal.voltage"), "derivative"]
     by_travel = table.loc[("charge_uC", "program.0.mount.displacement"), "derivative"]
     assert by_voltage == pytest.approx(-by_travel, rel=1e-7)  # both are the potential's
@@ -218,7 +221,7 @@ def test_the_run_itself_is_not_disturbed():
     plain = [state.row for state in dealib.Simulation(case)]
     base, rows = dealib.Simulation(case), []
     chosen = keys(case.config, ["geometry", "materials.film.branches"])
-    near = sensitivity._Neighbours(base, chosen, {"force_N"}, strict=True)
+    near = Neighbours(base, chosen, {"force_N"}, 1e-5)
     for state in base:
         rows.append(state.row)
         near.follow()

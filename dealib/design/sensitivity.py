@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from mpi4py import MPI
@@ -21,10 +21,9 @@ import numpy as np
 from dealib.config.bias import SecondFilm
 from dealib.config.case import Case
 from dealib.config.schema import Config
-from dealib.design.keys import Key, changed, in_time, keys
+from dealib.design.keys import in_time, keys
+from dealib.design.neighbours import Neighbours
 from dealib.errors import ConfigError, ValueAt, did_you_mean
-from dealib.fem.compat import free
-from dealib.fem.numbers import Numbers, Sources
 from dealib.observe.quantities import columns, measured
 from dealib.program.simulation import Simulation
 from dealib.program.work import LOST, STORED
@@ -102,13 +101,16 @@ def find(
     quantities = _Quantities(case.config, of, at)
     chosen = keys(case.config, key)
     base = Simulation(case, comm)
-    near = _Neighbours(base, chosen, quantities.needed, strict=bool(key))
-    rows = []
+    near = Neighbours(base, chosen, quantities.needed, _STEP, strict=bool(key))
+    rows, given = [], set[str]()
     for state in base:
         rows.append(state.row)
         if state.end_of_stage or not quantities.ends_only:
             near.follow()
-    values = quantities.values(rows, base)
+        if state.row["stage"] == quantities.stage:
+            laws = base.engine.newton.system.ports
+            given = {name for name, law in laws.items() if law.value is not None}
+    values = quantities.values(rows, given)
     found = []
     for name, value in values.items():
         for beside in near.pairs:
@@ -161,6 +163,10 @@ def _stem(column: str) -> str:
 class _Quantities:
     """The quantities that are asked for.
 
+    Attributes:
+        stage: At whose end columns are taken.
+        needed: Columns that they read.
+
     Args:
         config: The config.
         of: Expressions; none: what each port answers.
@@ -172,11 +178,11 @@ class _Quantities:
 
     def __init__(self, config: Config, of: Sequence[str], at: str | None) -> None:
         self._config, known = config, stages(config)
-        self._stage = known[-1] if at is None else at
-        if self._stage not in known:
+        self.stage = known[-1] if at is None else at
+        if self.stage not in known:
             raise ConfigError(f"--at: there is no stage {at!r}{did_you_mean(at, known)}")
-        if known.count(self._stage) > 1:
-            raise ConfigError(f"--at: several stages are named {self._stage!r}")
+        if known.count(self.stage) > 1:
+            raise ConfigError(f"--at: several stages are named {self.stage!r}")
         ports = [port for port in config.device.ports if not port.floating]
         self._answers = {
             port.name: tuple(port.column(v) for v in port.kind.variables) for port in ports
@@ -224,97 +230,14 @@ class _Quantities:
         try:
             found = np.asarray(self._known[name](history.names, history.functions), float)
             if found.ndim:
-                found = found[history.of(self._stage)[-1]]
+                found = found[history.of(self.stage)[-1]]
             return self._known[name].finite(float(found))
         except (ValueError, IndexError) as error:
             raise ConfigError(f"--of: {error}") from None
 
-    def values(self, rows: Sequence[dict[str, Any]], base: Simulation) -> dict[str, float]:
-        """Values in the history of the config itself; of ports, what is not given."""
+    def values(self, rows: Sequence[dict[str, Any]], given: set[str]) -> dict[str, float]:
+        """Values in the history of the config itself; of ports whose value is given, the dual."""
         chosen = list(self._known)
         if not self._asked:
-            laws = base.engine.newton.system.ports
-            given = {name: laws[name].value is not None for name in self._answers}
-            chosen = [pair[int(given[name])] for name, pair in self._answers.items()]
+            chosen = [pair[int(name in given)] for name, pair in self._answers.items()]
         return {name: self.value(name, rows, self._config) for name in chosen}
-
-
-@dataclass
-class _Side:
-    """A config with one number changed: its numbers, its program, its history."""
-
-    config: Config
-    numbers: Numbers
-    simulation: Simulation
-    rows: list[dict[str, Any]] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class _Pair:
-    """A number, and the configs in which it is larger and smaller."""
-
-    key: Key
-    sides: tuple[_Side, _Side]
-
-
-class _Neighbours:
-    """The changed configs, which follow the config itself from state to state (collective).
-
-    Attributes:
-        pairs: Of each key.
-        left_out: Why others have none, by key.
-    """
-
-    def __init__(
-        self, base: Simulation, chosen: Sequence[Key], needed: set[str], strict: bool
-    ) -> None:
-        self._base, self._needed, self.left_out = base, needed, dict[str, str]()
-        sources = Sources(base.engine.problem)
-        self.pairs: list[_Pair] = []
-        for key in chosen:
-            try:
-                up, down = (self._side(sources, key, 1 + s * _STEP) for s in (1, -1))
-            except ConfigError as error:
-                if strict:
-                    raise ConfigError(f"{key.name}: {error}") from None
-                self.left_out[key.name] = str(error)
-                continue
-            self.pairs.append(_Pair(key, (up, down)))
-
-    def _side(self, sources: Sources, key: Key, factor: float) -> _Side:
-        base = self._base
-        config = changed(base.case.config, key, factor)
-        program = tuple(s.model_copy(update={"stop_when": ()}) for s in config.program)
-        config = config.model_copy(update={"program": program, "stop_when": ()})  # the base decides
-        numbers = sources.of(config)
-        with numbers.placed(base.engine.problem):
-            simulation = Simulation(
-                replace(base.case, config=config),
-                base.comm,
-                newton=base.engine.newton,
-                only=self._needed,
-            )
-        return _Side(config, numbers, simulation)
-
-    def follow(self) -> None:
-        """Follow to the present state."""
-        engine = self._base.engine
-        problem, newton, system = engine.problem, engine.newton, engine.newton.system
-        laws, q, linear, own = dict(system.ports), system.q.copy(), -1, Numbers.of(engine.problem)
-
-        def back() -> None:
-            own.put(problem)
-            system.ports.update(laws)
-            q.copy(system.q)
-            system.residual(system.q, system.residual_vector)
-
-        for side in (side for pair in self.pairs for side in pair.sides):
-            if system.tangents != linear:  # the first one, or a quantity has needed one of its own
-                back()
-                newton.linearise()
-                linear = system.tangents
-            side.numbers.put(problem)
-            side.rows.append(side.simulation.beside(self._base.progress, q).row)
-            side.numbers.take(problem)
-        back()
-        free(self._base.comm)
