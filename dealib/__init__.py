@@ -16,6 +16,7 @@ from dealib.processor import prepare
 
 if TYPE_CHECKING:
     from dealib.config import Case, load
+    from dealib.design.sensitivity import sensitivities
     from dealib.errors import ConfigError, DealibError, Interrupted, NotConverged
     from dealib.program import Simulation, State, simulate
     from dealib.results.reader import Run
@@ -33,6 +34,7 @@ __all__ = [
     "State",
     "load",
     "open",
+    "sensitivities",
     "simulate",
     "tables",
 ]
@@ -50,6 +52,7 @@ _LAZY = {
     "Run": ("dealib.results.reader", "Run"),
     "open": ("dealib.results.reader", "Run"),
     "tables": ("dealib.results.tables", "load"),
+    "sensitivities": ("dealib.design.sensitivity", "sensitivities"),
     "Simulation": ("dealib.program", "Simulation"),
     "State": ("dealib.program", "State"),
     "simulate": ("dealib.program", "simulate"),

@@ -124,7 +124,8 @@ def test_expression_values():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("x.real", "'x.real': only numbers, names"),
+        ("(x + x).real", "'(x + x).real': only numbers, names"),
+        ("x.real()", "'x.real()': only numbers, names"),
         ("__import__('os')", "unknown function '__import__'"),
         ("[1 for i in x]", "only numbers, names"),
         ("x[0]", "only numbers, names"),
@@ -143,6 +144,10 @@ def test_expressions_are_arithmetic_only(text, message):
 def test_expression_names_unknown_things_and_bounds_powers():
     with pytest.raises(ValueError, match="unknown name 'forse_N'; did you mean 'force_N'"):
         Expression("forse_N", {})({"force_N": np.ones(1)}, {})
+    forces = {"force_N.left": np.array([2.0, 3.0]), "force_N.right": np.ones(2)}
+    assert list(Expression("force_N.left - force_N.right", {})(forces, {})) == [1.0, 2.0]
+    with pytest.raises(ValueError, match=r"unknown name 'force_N\.left\.real'"):  # no attributes
+        Expression("force_N.left.real", {})(forces, {})
     with pytest.raises(ValueError, match=r"'9 \*\* 9 \*\* 9 \*\* 9': an exponent is beyond 64"):
         Expression("9 ** 9 ** 9 ** 9", {})({}, {})
     assert Expression("2 ** 64", {})({}, {}) == 2.0**64

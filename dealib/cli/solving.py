@@ -135,6 +135,49 @@ def respond(
 
 
 @app.command()
+def sensitivity(
+    config: ConfigFile,
+    of: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--of",
+            "--quantity",
+            metavar="EXPRESSION",
+            help="a quantity, such as 'stroke(\"actuate\")' or force_N; repeat for more; default "
+            "what each port answers",
+        ),
+    ] = None,
+    key: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY", help="a number or a section; repeat for more; default all"),
+    ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(metavar="STAGE", help="take columns at its end; default the last one's"),
+    ] = None,
+    set: Set = None,
+    out: Annotated[Path | None, typer.Option(help="directory; default RUN-sensitivity")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier ones")] = False,
+    mpi: Annotated[int, typer.Option(min=1, help="number of MPI ranks")] = 1,
+) -> None:
+    """How results follow each number of a config: d ln(quantity) / d ln(key), from one run.
+
+    A quantity is an expression over the history, as in studies (configs/studies/REFERENCE.md). The
+    numbers are moduli, permittivity, pre-stretch, thicknesses, radii, loads, voltages and so on.
+    """
+    from dealib.config import load
+
+    case = load(config, set)
+    if mpi > 1:
+        from dealib.cli.mpi import launch
+
+        launch(mpi)
+    from dealib.cli.sensitivity import find_sensitivities
+
+    find_sensitivities(case, of or [], key or [], at, out, overwrite)
+
+
+@app.command()
 def check(config: ConfigFile, set: Set = None) -> None:
     """Validate a config and estimate its size; nothing is solved or written."""
     from dealib.config import load

@@ -40,11 +40,16 @@ class Plan:
         return np.asarray(self.points[self.cells[:, 8]])
 
     def merged(self) -> Plan:
-        """The same with nodes at one place made one."""
-        size = np.ptp(self.points, axis=0).max()
-        key = np.round(self.points / (1e-9 * size)).astype(np.int64)
-        _, first, index = np.unique(key, axis=0, return_index=True, return_inverse=True)
-        index = index.ravel()
+        """The same with nodes at one place made one, however their coordinates are rounded."""
+        from scipy.sparse import coo_array
+        from scipy.sparse.csgraph import connected_components
+        from scipy.spatial import cKDTree
+
+        n, size = len(self.points), np.ptp(self.points, axis=0).max()
+        i, j = cKDTree(self.points).query_pairs(1e-9 * size, output_type="ndarray").T
+        same = coo_array((np.ones(len(i)), (i, j)), (n, n))
+        index = connected_components(same, directed=False)[1]
+        first = np.unique(index, return_index=True)[1]
         edges = {name: index[nodes] for name, nodes in self.edges.items()}
         return Plan(self.points[first], index[self.cells], edges)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from dealib.device.laminate import JOIN
 from dealib.device.records import Sizes
 from dealib.errors import ConfigError, DealibError
 from dealib.fem import compat
+from dealib.fem.energies import constant
 from dealib.results.elements import Cell
 
 Ints = npt.NDArray[np.int32]
@@ -120,6 +121,16 @@ class Domain:
         for k, region in enumerate(self.device.regions):
             ids[self.cells(region.name)] = k
         return ids
+
+    @cached_property
+    def symbolic(self) -> Any:
+        """The device's space with constants for its numbers, so that no form is compiled for them.
+
+        Only UFL can read it.
+        """
+        k: Any = self.device.kinematics
+        numbers = ["multiple"] + ["offset"] * isinstance(k, SheetKinematics)
+        return replace(k, **{name: constant(self.mesh, getattr(k, name)) for name in numbers})
 
     @cached_property
     def sizes(self) -> Sizes:

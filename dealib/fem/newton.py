@@ -162,8 +162,7 @@ class Newton:
             ports: The ports; default all.
         """
         system = self.system
-        system.residual(system.q, system.residual_vector)
-        system.tangent(system.matrix)
+        self.linearise()
         found = []
         for port in ports or system.ports:
             unit, response = system.q.duplicate(), system.q.duplicate()
@@ -198,6 +197,24 @@ class Newton:
         mine = sum(len(system.map.numbers(field)) for field in ("potential", "pressure"))
         free = (p for p in system.problem.device.ports if system.ports[p.name].value is None)
         return int(system.map.comm.allreduce(mine) + sum(p.kind.sign < 0 for p in free))
+
+    def linearise(self) -> None:
+        """Make the tangent at the current state ready for steps from it (collective)."""
+        self.system.residual(self.system.q, self.system.residual_vector)
+        self.assemble()
+
+    def step_from(self, q: Any) -> None:
+        """Take the state one step of Newton's method from another one (collective).
+
+        The tangent is that of `linearise`, of the problem as it was then.
+        """
+        system, found = self.system, q.duplicate()
+        system.residual(q, system.residual_vector)
+        system.eliminate(system.residual_vector)
+        self.solve_linear(system.residual_vector, found)
+        q.copy(system.q)
+        system.q.axpy(-1.0, found)
+        system.residual(system.q, system.residual_vector)
 
     def solve_linear(self, right: Any, found: Any) -> None:
         """Solve with the last tangent; Newton corrects a coarse solution, nothing corrects this.

@@ -13,6 +13,7 @@ from mpi4py import MPI
 import numpy as np
 import ufl
 from dolfinx import fem
+from ufl.algorithms.analysis import extract_coefficients, extract_constants
 
 from dealib.config.schema import Config
 from dealib.device.device import Device
@@ -155,6 +156,19 @@ class Problem:
         p = self.point
         return replace(p, N=N, area=ufl.det(p.F) * ufl.inv(p.F).T * N)
 
+    @cached_property
+    def data(self) -> tuple[list[Any], list[Any]]:
+        """The constants and the functions that its equations read, in the order of their making."""
+        x = ufl.SpatialCoordinate(self.domain.mesh)
+        equations = [self.densities(group)[2] for group in self.groups]
+        equations += [density(e, self.point_of(e.on)) for e in self.mesh_motion]
+        equations += [self.load_of(port) for port, _ in self.loads]
+        equations += [self.domain.symbolic.volume(x), ufl_form(self, "residual")]
+        constants = {c.count(): c for e in equations for c in extract_constants(e)}
+        functions = {f.count(): f for e in equations for f in extract_coefficients(e)}
+        one, two = ([found[k] for k in sorted(found)] for found in (constants, functions))
+        return one, two
+
     # --- integrals -------------------------------------------------------------------------------
 
     @cached_property
@@ -181,7 +195,7 @@ class Problem:
     def over(self, group: str, density: Any) -> Any:
         """Integral over a group of regions of a density per mesh volume, of the whole device."""
         sheet = self._group(group).sheet
-        size = self.kinematics.volume(self.point_of(group).x) * (
+        size = self.domain.symbolic.volume(self.point_of(group).x) * (
             1.0 if sheet is None else sheet.thickness
         )
         return density * size * self.measure(group)
@@ -195,7 +209,7 @@ class Problem:
             regions: Where the facets lie inside the mesh, the side that is of these; between two of
                 them the mean of both sides.
         """
-        density = density * self.kinematics.volume(self.point.x)
+        density = density * self.domain.symbolic.volume(self.point.x)
         tags = tuple(tag for _, tag in self.domain.tags(name))
         if sides(self.domain, name) == 1:
             return density * self._measure("ds", self.domain.facet_tags)(tags)
@@ -234,7 +248,7 @@ class Problem:
             return
         for area, point in sheet_faces(self.domain, self.spaces.w, name):
             tag = 1 + self._places.index((area,))
-            size = self.kinematics.volume(ufl.SpatialCoordinate(self.domain.mesh))
+            size = self.domain.symbolic.volume(ufl.SpatialCoordinate(self.domain.mesh))
             yield partial(self._on_sheet, size, tag), point
 
     def _on_face(self, name: str, density: Any) -> Any:

@@ -18,7 +18,7 @@ from dealib.fem import compat
 from dealib.fem.branches import network_steps, step_terms
 from dealib.fem.chambers import chamber_energies
 from dealib.fem.couplings import COUPLINGS
-from dealib.fem.domain import Domain, build_domain, build_spaces
+from dealib.fem.domain import Domain, Spaces, build_domain, build_spaces
 from dealib.fem.electrodes import build_map
 from dealib.fem.energies import (
     Energy,
@@ -49,15 +49,16 @@ def build_problem(config: Config, comm: MPI.Comm, mesh_file: Path | None = None)
     return problem_on(build_domain(config, comm, mesh_file), config)
 
 
-def problem_on(domain: Domain, config: Config) -> Problem:
+def problem_on(domain: Domain, config: Config, spaces: Spaces | None = None) -> Problem:
     """The same on any mesh with the names of its device (collective).
 
     Args:
         domain: The mesh; it need not be that of the config's geometry.
         config: Materials, order and solver.
+        spaces: Of another problem on this mesh; default its own.
     """
     mixed = config.physics.formulation == "mixed"
-    spaces = build_spaces(domain, config.mesh.order, mixed)
+    spaces = spaces or build_spaces(domain, config.mesh.order, mixed)
     device, mesh = domain.device, domain.mesh
     sheet = device.kinematics.sheet
     groups = (sheet_groups if sheet else solid_groups)(config, domain)

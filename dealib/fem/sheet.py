@@ -23,7 +23,6 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from dealib.device.kinematics import SheetKinematics
 from dealib.device.laminate import JOIN
 from dealib.fem import compat
 from dealib.fem.domain import Domain, Spaces
@@ -46,8 +45,7 @@ def equip(domain: Domain, spaces: Spaces, groups: Sequence[Group], degree: int) 
         groups: The layers.
         degree: Quadrature degree.
     """
-    mesh, kinematics = domain.mesh, domain.device.kinematics
-    assert isinstance(kinematics, SheetKinematics)
+    mesh, kinematics = domain.mesh, domain.symbolic
     scalars = compat.functionspace(mesh, compat.quadrature_element(mesh, degree, 1))
     x, u = ufl.SpatialCoordinate(mesh), ufl.split(spaces.w)[0]
     metric = kinematics.metric(u, x)
@@ -103,18 +101,19 @@ class Layer:
         step = by_log / (ufl.diff(slopes[-1], across) * across**2 + by_log)
         self._step = compat.expression(step, points)
         self._dofs = compat.cell_dofs(sheet.stretch.function_space)[self._cells]
-        self._turn = self._volts_to_field(ports, len(variables) - 1)
+        self._ports = list(ports)
 
-    def _volts_to_field(self, ports: Sequence[str], own: int) -> Any:
+    def _volts_to_field(self) -> Any:
         """Derivative of the layer's variables, all but the last, by metric and voltages."""
-        sheet = self._sheet
+        sheet, ports = self._sheet, self._ports
+        own = len(sheet.variables) - 1
         size = own - sheet.driven
         found = np.zeros((own, size + len(ports)))
         found[:size, :size] = np.eye(size)
         if sheet.driven:
             for port, sign in zip(sheet.between, (1, -1), strict=True):
                 if port:
-                    found[size, size + list(ports).index(port)] += sign / sheet.thickness
+                    found[size, size + ports.index(port)] += sign / sheet.thickness
         return found
 
     def settle(self, volts: Mapping[str, float]) -> None:
@@ -149,7 +148,7 @@ class Layer:
         mixed = full[..., :-1, -1]
         both = mixed[..., :, None] * mixed[..., None, :]
         condensed = full[..., :-1, :-1] - both / full[..., -1:, -1:]
-        T = self._turn
+        T = self._volts_to_field()
         return found[..., :_FIRST], slopes[..., :-1] @ T, T.T @ condensed @ T
 
 
@@ -183,8 +182,7 @@ class SheetModel:
         measure: Any,
         slack: Mapping[str, float] | None = None,
     ) -> None:
-        kinematics = domain.device.kinematics
-        assert isinstance(kinematics, SheetKinematics)
+        kinematics = domain.symbolic
         x, self._u = ufl.SpatialCoordinate(domain.mesh), ufl.split(spaces.w)[0]
         self._w, self._metric = spaces.w, kinematics.metric(self._u, x)
         self._size, self._ports, self._domain = len(self._metric), ports, domain
@@ -348,9 +346,8 @@ def sheet_faces(domain: Domain, w: Any, name: str) -> Iterator[tuple[str, Point]
         w: The state.
         name: Of the face, or of a part of one.
     """
-    kinematics, laminate = domain.device.kinematics, domain.device.laminate
+    kinematics, laminate = domain.symbolic, domain.device.laminate
     assert laminate is not None
-    assert isinstance(kinematics, SheetKinematics)
     face = laminate.patches[name][0] if name in laminate.patches else name
     sign = 1.0 if laminate.faces[face][1] == "top" else -1.0
     x, u = ufl.SpatialCoordinate(domain.mesh), ufl.split(w)[0]

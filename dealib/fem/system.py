@@ -104,6 +104,7 @@ class System:
         inertia: What a device in motion feels besides; `None` in equilibrium.
         charging: What flows along electrodes that charge in time; None if they have no resistance.
         timings: Seconds spent by phase.
+        tangents: Number of tangents that have been assembled.
     """
 
     def __init__(self, problem: Problem, timings: Timings) -> None:
@@ -113,6 +114,7 @@ class System:
         self.internal = dict.fromkeys(self.map.ports, 0.0)
         self.inertia: Inertia | None = None
         self.charging = Charging(problem) if problem.charging else None
+        self.tangents = 0
         self._eliminated: dict[str, Any] = {}
         self.q = self.map.create_vector()
         self.residual_vector = self.map.create_vector()
@@ -231,6 +233,7 @@ class System:
         A prescribed port loses its column with its row, which keeps the tangent symmetric where the
         problem is: its step is known, and `eliminate` takes it out of a right-hand side.
         """
+        self.tangents += 1
         with self.timings("assembly"):
             moved, summed = self.inertia, []
             matrix.zeroEntries()

@@ -52,19 +52,26 @@ class Engine:
         config: The config.
         comm: MPI communicator.
         mesh_file: Where to write the mesh in Gmsh's format, if anywhere.
+        newton: A solver of the same problem that it shares with other engines.
     """
 
-    def __init__(self, config: Config, comm: MPI.Comm, mesh_file: Path | None = None) -> None:
+    def __init__(
+        self,
+        config: Config,
+        comm: MPI.Comm,
+        mesh_file: Path | None = None,
+        newton: Newton | None = None,
+    ) -> None:
         self.config, self.comm, self.timings = config, comm, Timings()
         start = time.perf_counter()
-        self.problem = build_problem(config, comm, mesh_file)
+        self.problem = newton.system.problem if newton else build_problem(config, comm, mesh_file)
         self.layout = Layout.of(self.problem)
         self.timings["mesh"] += time.perf_counter() - start
         remembers = any(m.memory for m in config.solids.values())
         self.viscosity = Viscosity(self.problem, self.layout) if remembers else None
         pairs = [s.follow.pair for s in config.program if s.follow is not None]
         crossed = any(partner(vary) != along for vary, along in pairs)
-        self.newton = Newton(self.problem, self.timings, symmetric=not crossed)
+        self.newton = newton or Newton(self.problem, self.timings, symmetric=not crossed)
         system = self.newton.system
         self.inertia = Inertia(self.problem, system.ports) if config.moves else None
         self.predictor = Predictor(

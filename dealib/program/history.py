@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Collection
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -71,13 +72,14 @@ class History:
 
     Args:
         engine: The engine.
+        only: Columns to measure; default all.
     """
 
-    def __init__(self, engine: Engine) -> None:
+    def __init__(self, engine: Engine, only: Collection[str] | None = None) -> None:
         self._engine, config = engine, engine.config
         self._films = FilmPoints.all(engine.problem, engine.layout, engine.normals)
         self._probes = Probes(engine.problem, engine.layout)
-        self._measured = measured(config)
+        self._measured = [c for c in measured(config) if only is None or c.name in only]
         self._units = {name: column.unit for name, column in columns(config).items()}
         self._stability = StabilityWatch([p.film.law for p in self._films])
         self._reach = ReachWatch()

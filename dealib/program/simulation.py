@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
 from dealib.config.bias import Sampled, SecondFilm
 from dealib.config.case import Case
 from dealib.config.program import Stage
+from dealib.fem.newton import Newton
 from dealib.program.bias import second_film
 from dealib.program.engine import Engine
 from dealib.program.history import History, State
@@ -34,6 +36,8 @@ class Simulation:
         comm: MPI communicator.
         mesh_file: Where to write the mesh in Gmsh's format, if anywhere.
         resume: Go on from there (on any number of ranks) instead of from the start.
+        newton: A solver that it shares with others: it can only go `beside` them.
+        only: Columns of the history to measure; default all.
 
     Raises:
         ConfigError: If the checkpoint belongs to another mesh.
@@ -47,11 +51,13 @@ class Simulation:
         comm: MPI.Comm = MPI.COMM_WORLD,
         mesh_file: Path | None = None,
         resume: Checkpoint | None = None,
+        newton: Newton | None = None,
+        only: Collection[str] | None = None,
     ) -> None:
         self.case, self.comm = case, comm
         with case.blamed():
-            self.engine = Engine(case.config, comm, mesh_file)
-            self._history = History(self.engine)
+            self.engine = Engine(case.config, comm, mesh_file, newton)
+            self._history = History(self.engine, only)
         self._stages = case.config.program
         if self._stages[0].stage != "prestrain":
             self._stages = (Stage(stage="prestrain", duration="1 s"), *self._stages)
@@ -94,6 +100,32 @@ class Simulation:
             if index == self.progress.stage and not self.progress.over:
                 run = ramp if stage.follow is None else follow
                 yield from run(engine, history, stage)
+
+    def beside(self, other: Progress, q: Any) -> State:
+        """Take the state beside one of a nearly equal simulation with the same solver (collective).
+
+        Args:
+            other: How far that one is.
+            q: Its state, at which the solver has been linearised.
+        """
+        engine, p, at = self.engine, self.progress, other.clock.now
+        if other.stage > p.stage:
+            self._begin(other.stage, self._stages[other.stage])
+        stage, clocks = self._stages[p.stage], engine.clocks
+        if other.stage == 0:
+            engine.apply(0.0)
+            engine.problem.set_prestretch(1.0)
+            engine.newton.step_from(q)
+            if engine.viscosity is not None:
+                engine.viscosity.rest()
+            return self._history.accept(stage, 0.0, True, {})
+        engine.begin((at - p.clock.now) * stage.duration)
+        engine.apply(at)
+        engine.newton.step_from(q)
+        p.clock.now = at
+        for clock in clocks:
+            clock.commit()
+        return self._history.accept(stage, p.stage_start + at * stage.duration, False, {})
 
     def _begin(self, index: int, stage: Stage) -> None:
         """Enter a stage: the ports keep their last values unless it drives them."""

@@ -1,4 +1,4 @@
-"""Files beside a run that hold what vibrates: modes and their frequencies, and responses."""
+"""Tables beside a run: of modes and their frequencies, of responses, of sensitivities."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from dealib.results.reader import Run
 
 MODES, FREQUENCIES, RESPONSE = "modes.csv", "frequencies.csv", "response.csv"
+SENSITIVITY = "sensitivity.csv"
 SHAPES, CIRCUIT = "modes.xdmf", "circuit.csv"
 
 

@@ -34,6 +34,8 @@ _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Pow: _power,
 }
 
+_OF_ENDS = ("abs", "sqrt", "exp", "log", "end", "start", "setting")  # functions, see `ends_only`
+
 Function = Callable[..., Any]
 
 
@@ -79,15 +81,20 @@ COMMON: dict[str, tuple[Function, str]] = {
     "last": (lambda x: np.atleast_1d(x)[-1], "the last value"),
 }
 _SETTING = Signature(("key",), "a number of the config, in mm, s, N, kg, MPa, kV, uC")
-# functions that a case offers on top (see `dealib.study.outcome`)
-OF_A_CASE = {
+# functions that a history offers on top (see `dealib.study.rows`)
+OF_A_HISTORY = {
     "end": Signature(("values", "stage"), "the value at the end of a stage"),
     "start": Signature(("values", "stage"), "the value where a stage begins"),
     "during": Signature(("values", "stage"), "the values from there to its end"),
     "at": Signature(
         ("values", "values", "number"), "the first values where the second first reach a number"
     ),
+    "stroke": Signature(("stage",), "how far the (first) mount moves there under voltage, mm"),
     "setting": _SETTING,
+}
+# functions that a case offers besides (see `dealib.study.outcome`)
+OF_A_CASE = {
+    **OF_A_HISTORY,
     "timing": Signature(("timing",), "seconds that a part took, such as solve; see run.json"),
     "field": Signature(
         ("profile", "region", "along", "across", "stage"), "a field at a point, at a stage's end"
@@ -106,6 +113,13 @@ OF_ALL_CASES = {
 }
 
 
+def _name(node: ast.AST) -> str | None:
+    """A name such as 'force_N', or 'force_N.plate' of one of several ports; None if it is none."""
+    if isinstance(node, ast.Attribute) and (of := _name(node.value)) is not None:
+        return f"{of}.{node.attr}"
+    return node.id if isinstance(node, ast.Name) else None
+
+
 class Expression:
     """A parsed expression.
 
@@ -117,6 +131,8 @@ class Expression:
         names: The names that it reads.
         calls: The scope's functions that it calls, each with its arguments: None if they are not
             known before it is evaluated.
+        ends_only: Whether of a history it reads the states at the ends of stages alone, if it is a
+            number.
 
     Raises:
         ValueError: If it is more than arithmetic, or calls an unknown function.
@@ -132,14 +148,15 @@ class Expression:
             raise ValueError(f"{text!r} is no arithmetic expression") from None
         self._extra = dict(extra)
         self.calls: list[tuple[str, tuple[Any, ...]]] = []
+        self.ends_only = True
         self.names = self._check(self._tree)
 
     def _check(self, node: ast.AST) -> frozenset[str]:
         """The names that an expression reads; raises on anything that is not in the language."""
         if isinstance(node, ast.Constant) and type(node.value) in (int, float, str):
             return frozenset()
-        if isinstance(node, ast.Name):
-            return frozenset({node.id})
+        if (name := _name(node)) is not None:
+            return frozenset({name})
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.UAdd)):
             return self._check(node.operand)
         if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
@@ -154,6 +171,7 @@ class Expression:
         raise ValueError(f"{part!r}: only numbers, names, + - * / ** and functions are allowed")
 
     def _check_call(self, name: str, given: int) -> None:
+        self.ends_only &= name in _OF_ENDS
         if name in COMMON:
             needed = 1
         elif name in self._extra:
@@ -215,10 +233,10 @@ class Expression:
     def _value(self, node: Any, names: Mapping[str, Any], functions: Mapping[str, Function]) -> Any:
         if isinstance(node, ast.Constant):
             return node.value if isinstance(node.value, str) else float(node.value)  # type: ignore[arg-type]
-        if isinstance(node, ast.Name):
-            if node.id not in names:
-                raise ValueError(f"unknown name {node.id!r}{did_you_mean(node.id, list(names))}")
-            return names[node.id]
+        if (known := _name(node)) is not None:
+            if known not in names:
+                raise ValueError(f"unknown name {known!r}{did_you_mean(known, list(names))}")
+            return names[known]
         if isinstance(node, ast.UnaryOp):
             value = self._value(node.operand, names, functions)
             return -value if isinstance(node.op, ast.USub) else +value

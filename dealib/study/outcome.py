@@ -12,15 +12,14 @@ from dealib.config.schema import Config
 from dealib.errors import did_you_mean
 from dealib.materials.response import response
 from dealib.results.elements import Array
-from dealib.results.mesh import Ints
 from dealib.results.reader import Run
 from dealib.results.sampling import Strip
 from dealib.results.section import Section
 from dealib.study import sample
 from dealib.study.expressions import Expression, Function
 from dealib.study.plan import Planned
+from dealib.study.rows import Rows
 from dealib.study.schema import MaterialTest
-from dealib.study.scope import setting
 
 if TYPE_CHECKING:
     import pandas
@@ -59,21 +58,17 @@ class Outcome:
         Raises:
             ValueError: If a name, a stage or a field does not exist here.
         """
-        return expression(self._names, self._functions)
+        return expression(self._rows.names, self._functions)
 
     @cached_property
-    def _names(self) -> Mapping[str, Array]:
+    def _rows(self) -> Rows:
         h = self.history
-        return {str(c): h[c].to_numpy(float) for c in h.columns if c != "stage"}
+        names = {str(c): h[c].to_numpy(float) for c in h.columns if c != "stage"}
+        return Rows(names, h["stage"].to_numpy(), self.case.work)
 
     @cached_property
     def _functions(self) -> Mapping[str, Function]:
-        return {
-            "end": lambda x, stage: x[self._rows(stage)[-1]],
-            "start": lambda x, stage: x[self._from(stage)],
-            "during": lambda x, stage: x[self._from(stage) : self._rows(stage)[-1] + 1],
-            "at": _at,
-            "setting": lambda path: setting(self.case.work, path),
+        return self._rows.functions | {
             "timing": self._timing,
             "field": lambda name, region, s, t, stage: sample.at(
                 self.strip(region),
@@ -90,19 +85,6 @@ class Outcome:
             ),
         }
 
-    def _rows(self, stage: str) -> Ints:
-        """Rows of the history that a stage has written."""
-        stages = self.history["stage"].to_numpy()
-        rows = np.flatnonzero(stages == stage)
-        if len(rows) == 0:
-            known = list(dict.fromkeys(map(str, stages)))
-            raise ValueError(f"no stage {stage!r} in the results{did_you_mean(stage, known)}")
-        return rows
-
-    def _from(self, stage: str) -> int:
-        """Row in which a stage begins: the last one of the stage before."""
-        return max(int(self._rows(stage)[0]) - 1, 0)
-
     def _timing(self, name: str) -> float:
         timings = {} if self.run is None else self.run.info.get("timings", {})
         if name not in timings:
@@ -117,7 +99,7 @@ class Outcome:
         """
         if self.run is None:
             raise ValueError("a test of a material has no fields")
-        step = int(self.history["step"].iloc[self._rows(stage)[-1]])
+        step = int(self.history["step"].iloc[self._rows.of(stage)[-1]])
         if step not in self.run.stored_steps:
             raise ValueError(f"the fields at the end of stage {stage!r} are not stored")
         return step
@@ -164,15 +146,3 @@ class Outcome:
         """The config of the run."""
         assert isinstance(self.case.work, Config)
         return self.case.work
-
-
-def _at(x: Array, y: Array, value: float) -> float:
-    """X where y first reaches a value, linear between the rows; NaN where it never does."""
-    gap = np.asarray(y, float) - value
-    if np.isclose(gap[0], 0):
-        return float(x[0])
-    crossed = np.flatnonzero(np.sign(gap[1:]) != np.sign(gap[0]))
-    if len(crossed) == 0:
-        return float("nan")
-    i = int(crossed[0])
-    return float(x[i] + (x[i + 1] - x[i]) * gap[i] / (gap[i] - gap[i + 1]))

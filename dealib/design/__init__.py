@@ -1,0 +1,1 @@
+"""Designs: how results follow the numbers of a config."""

@@ -1,0 +1,243 @@
+"""How results of a program follow the numbers of its config, from one run.
+
+Each number is changed a little up and down, in the equations of the one problem that is solved. At
+each converged state one step of Newton's method, with the tangent of that state, leads to the
+states of both changed configs. Each has a history and internal states of its own, so that the
+difference of two results is the derivative along the whole program (direct differentiation). Its
+error is of second order in the change.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from mpi4py import MPI
+
+import numpy as np
+
+from dealib.config.bias import SecondFilm
+from dealib.config.case import Case
+from dealib.config.schema import Config
+from dealib.design.keys import in_time, keys
+from dealib.design.neighbours import Neighbours
+from dealib.errors import ConfigError, ValueAt, did_you_mean
+from dealib.observe.quantities import columns, measured
+from dealib.program.simulation import Simulation
+from dealib.program.work import LOST, STORED
+from dealib.study.expressions import OF_A_HISTORY, Expression
+from dealib.study.rows import Rows
+from dealib.study.scope import stages
+
+if TYPE_CHECKING:
+    import pandas
+
+log = logging.getLogger(__name__)
+
+_STEP = 1e-5  # change of a number, of itself
+_TRACED = ("work_mJ", "residual_mJ")  # columns that sum over the states
+_NO_COLUMNS = ("newton_iterations", "step")
+
+
+@dataclass
+class Found:
+    """Sensitivities of a config.
+
+    Attributes:
+        values: Value of each quantity.
+        rows: Of `sensitivity.csv`, a quantity and a key each.
+        left_out: Why keys have no sensitivity, by name.
+    """
+
+    values: dict[str, float]
+    rows: list[dict[str, Any]]
+    left_out: dict[str, str]
+
+
+def sensitivities(
+    case: Case,
+    of: Sequence[str] = (),
+    key: Sequence[str] = (),
+    at: str | None = None,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> pandas.DataFrame:
+    """Derivatives of quantities by numbers of a config (collective).
+
+    Args:
+        case: The case.
+        of: Quantities: expressions over the history, as in studies. Of a column, its value at the
+            end of a stage is taken. Default: what each port answers there.
+        key: Names of numbers or of sections of the config; default all that the file gives.
+        at: Name of that stage; default the last one.
+        comm: MPI communicator.
+
+    Returns:
+        A row for each quantity and number, with the columns of `sensitivity.csv`: `quantity`,
+        `key`, `value`, `unit`, `derivative` and `logarithmic`, which is d ln / d ln.
+
+    Raises:
+        ConfigError: If something is asked for that is not there, or the program is of a kind whose
+            sensitivities are not found.
+        NotConverged: If a step failed.
+    """
+    import pandas as pd
+
+    return pd.DataFrame(find(case, of, key, at, comm).rows)
+
+
+def find(
+    case: Case,
+    of: Sequence[str] = (),
+    key: Sequence[str] = (),
+    at: str | None = None,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> Found:
+    """The same with what is told besides."""
+    with case.blamed():
+        _refuse(case.config)
+    case = replace(case, config=_plain(case.config))
+    quantities = _Quantities(case.config, of, at)
+    chosen = keys(case.config, key)
+    base = Simulation(case, comm)
+    near = Neighbours(base, chosen, quantities.needed, _STEP, strict=bool(key))
+    rows, given = [], set[str]()
+    for state in base:
+        rows.append(state.row)
+        if state.end_of_stage or not quantities.ends_only:
+            near.follow()
+        if state.row["stage"] == quantities.stage:
+            laws = base.engine.newton.system.ports
+            given = {name for name, law in laws.items() if law.value is not None}
+    values = quantities.values(rows, given)
+    found = []
+    for name, value in values.items():
+        for beside in near.pairs:
+            up, down = (quantities.value(name, s.rows, s.config) for s in beside.sides)
+            k = beside.key
+            slope = (up - down) / (2 * _STEP * k.value)
+            logarithmic = slope * k.value / value if value else float("nan")
+            numbers = {"derivative": float(slope), "logarithmic": float(logarithmic)}
+            found.append({"quantity": name, "key": k.name, "value": k.value, "unit": k.unit})
+            found[-1] |= numbers
+    return Found(values, found, near.left_out)
+
+
+def _plain(config: Config) -> Config:
+    """Without what a history has that is no function of the state alone."""
+    kept = {"output": {"modes": 0}, "sensing": {"differential": False}}
+    changes = {k: getattr(config, k).model_copy(update=v) for k, v in kept.items()}
+    return config.model_copy(update=changes)
+
+
+def _refuse(config: Config) -> None:
+    """Raise `ValueAt` for a program whose sensitivities are not found."""
+    known = "sensitivities are known of programs in equilibrium only"
+    for i, stage in enumerate(config.program):
+        where: tuple[str | int, ...] = ("program", i)
+        if stage.follow is not None:
+            said = "states on a branch belong to no given load: no sensitivities are found of them"
+            raise ValueAt((*where, "follow"), said)
+        if stage.dynamic:
+            raise ValueAt((*where, "dynamic"), known)
+        for path, _, _, given in stage.inputs:
+            for k, element in enumerate(getattr(given, "bias", None) or ()):
+                if isinstance(element.given[1], SecondFilm):
+                    said = "a second film is solved for itself: no sensitivities are found with it"
+                    raise ValueAt((*where, *path, "bias", k, "film"), said)
+    if config.sensing.charging:
+        raise ValueAt(("sensing", "charging"), known)
+    for name, material in config.materials.items():
+        for softens in ("mullins", "permanent_set"):
+            if getattr(material, softens) is not None:
+                said = "a law that softens has a kink at the largest energy so far, where states "
+                said += "come back to it: no sensitivities are found with it"
+                raise ValueAt(("materials", name, softens), said)
+
+
+def _stem(column: str) -> str:
+    return column.partition(".")[0]
+
+
+class _Quantities:
+    """The quantities that are asked for.
+
+    Attributes:
+        stage: At whose end columns are taken.
+        needed: Columns that they read.
+
+    Args:
+        config: The config.
+        of: Expressions; none: what each port answers.
+        at: Stage at whose end columns are taken.
+
+    Raises:
+        ConfigError: If an expression or the stage is wrong.
+    """
+
+    def __init__(self, config: Config, of: Sequence[str], at: str | None) -> None:
+        self._config, known = config, stages(config)
+        self.stage = known[-1] if at is None else at
+        if self.stage not in known:
+            raise ConfigError(f"--at: there is no stage {at!r}{did_you_mean(at, known)}")
+        if known.count(self.stage) > 1:
+            raise ConfigError(f"--at: several stages are named {self.stage!r}")
+        ports = [port for port in config.device.ports if not port.floating]
+        self._answers = {
+            port.name: tuple(port.column(v) for v in port.kind.variables) for port in ports
+        }
+        texts = of or [column for pair in self._answers.values() for column in pair]
+        self._asked = bool(of)
+        self._known = {text: self._parsed(text, known) for text in texts}
+        self.needed = {name for e in self._known.values() for name in e.names}
+        if any(name == "stroke" for e in self._known.values() for name, _ in e.calls):
+            self.needed |= {column for pair in self._answers.values() for column in pair}
+        if "energy_residual_mJ" in self.needed:
+            self.needed |= {*STORED, *LOST}
+
+    @property
+    def ends_only(self) -> bool:
+        """Whether states at the ends of stages are enough: nothing else leaves a trace in them."""
+        traced = in_time(self._config) or any(_stem(n).endswith(_TRACED) for n in self.needed)
+        return not traced and all(e.ends_only for e in self._known.values())
+
+    def _parsed(self, text: str, stages: Sequence[str]) -> Expression:
+        there = [c.name for c in measured(self._config) if c.name not in _NO_COLUMNS]
+        there += [n for n in columns(self._config) if _stem(n).endswith(_TRACED)]
+        there.append("time_s")
+        try:
+            found = Expression(text, OF_A_HISTORY)
+            for name in sorted(found.names - {*there}):
+                raise ValueError(f"unknown name {name!r}{did_you_mean(name, there)}")
+            for name, given in found.calls:
+                for kind, value in zip(OF_A_HISTORY[name].arguments, given, strict=True):
+                    if kind == "stage" and value not in stages:
+                        hint = did_you_mean(str(value), stages)
+                        raise ValueError(f"there is no stage {value!r}{hint}")
+        except ValueError as error:
+            raise ConfigError(f"--of: {error}") from None
+        return found
+
+    def value(self, name: str, rows: Sequence[dict[str, Any]], config: Config) -> float:
+        """Value of a quantity in a history.
+
+        Raises:
+            ConfigError: If it is no number.
+        """
+        columns = {k: np.array([r[k] for r in rows]) for k in rows[0] if k != "stage"}
+        history = Rows(columns, [row["stage"] for row in rows], config)
+        try:
+            found = np.asarray(self._known[name](history.names, history.functions), float)
+            if found.ndim:
+                found = found[history.of(self.stage)[-1]]
+            return self._known[name].finite(float(found))
+        except (ValueError, IndexError) as error:
+            raise ConfigError(f"--of: {error}") from None
+
+    def values(self, rows: Sequence[dict[str, Any]], given: set[str]) -> dict[str, float]:
+        """Values in the history of the config itself; of ports whose value is given, the dual."""
+        chosen = list(self._known)
+        if not self._asked:
+            chosen = [pair[int(name in given)] for name, pair in self._answers.items()]
+        return {name: self.value(name, rows, self._config) for name in chosen}
