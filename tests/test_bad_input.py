@@ -758,7 +758,9 @@ def test_light_commands_import_nothing_heavy():
 
     limits = {("check", "configs/deap100.yaml"): 2.0, ("schema",): 2.2, ("--help",): 0.7}
     ratios = dict.fromkeys(limits, math.inf)
-    for _ in range(3):
+    for _ in range(8):  # the least counts: others share the processor's caches
+        if all(ratio < limits[arguments] for arguments, ratio in ratios.items()):
+            break
         libraries = seconds("import numpy, pint, pydantic, ruamel.yaml, typer")
         for arguments in limits:
             taken = seconds(
