@@ -109,7 +109,7 @@ def test_falling_permittivity_weakens_the_actuator():
                 {"stage": "on", "terminal": {"voltage": "4 kV"}, "steps": 2},
             ],
         )
-        rows = [state.row["displacement_mm"] for state in dealib.Simulation(given)]
-        strokes.append(rows[-1] - rows[4])
+        ends = [s.row["displacement_mm"] for s in dealib.Simulation(given) if s.end_of_stage]
+        strokes.append(ends[-1] - ends[-2])
     # thin film: the pressure eps e^2 is replaced by e^2 (eps + l eps'/4 ..) at l = 1.2: 10 %
     assert 0.85 < strokes[1] / strokes[0] < 0.92
