@@ -513,3 +513,16 @@ def test_materials_share_their_energies_whatever_their_regions():
         ("stiff", 1),
         ("electrode", 6),
     ]
+
+
+def test_a_device_that_nothing_drives_is_solved():
+    """All grounded and nothing mounted: no ports; the pre-stretch alone does what it does."""
+    held = [{"on": end, "fix": ["X", "Z"]} for end in ("left", "right")]
+    given = {"holds": held, "mounts": {}, "materials": {"film": FILM | {"prestretch": 1.2}}}
+    alone = {"ground": {"on": "film.bottom", "ground": True}}
+    without = config("strip", terminals=alone, **given)
+    assert without.device.ports == ()
+    found, expected = (rows(c)[-1] for c in (without, config("strip", **given)))
+    for name in ("elastic_energy_mJ", "thickness_stretch_min", "stretch_max"):
+        assert found[name] == pytest.approx(expected[name], rel=1e-9), name
+    assert found["elastic_energy_mJ"] > 0.1

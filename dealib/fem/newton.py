@@ -275,7 +275,7 @@ class Newton:
                 "  %2d  %s", self.iterations, "  ".join(f"{k} {abs(v):.1e}" for k, v in shown)
             )
         limits = self._tolerances.of_ports(system.ports)
-        self._worst_port = max(abs(ports[name]) / limit for name, limit in limits.items())
+        self._worst_port = max((abs(ports[n]) / limit for n, limit in limits.items()), default=0.0)
         size = max(self._worst_field, self._worst_port)
         return size if math.isfinite(size) else math.inf
 
