@@ -10,6 +10,7 @@ from conftest import case
 from verification import free_block
 
 import dealib
+from dealib.fem.differential import capacitance
 from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem
 from dealib.fem.system import PortLaw, Timings
@@ -95,3 +96,21 @@ def test_loads_without_a_potential_have_no_inertia():
     assert not problem.symmetric
     with pytest.raises(ValueError, match=r"physics\.coupling is energy"):
         newton.inertia()
+
+
+def test_a_capacitance_does_not_depend_on_which_tangent_is_at_hand():
+    """At 0 V one of another state serves as long as corrections converge; else it is found anew."""
+    program = [{"stage": "push", "mount": {"displacement": "-4 mm"}, "steps": 4}]
+    run = dealib.Simulation(case("benchmark_strip", program=program))
+    newton, states, expected = run.engine.newton, [], 0.0
+    for state in run:
+        states.append(newton.system.q.copy())
+        expected = 1e-3 * state.row["capacitance_pF"]
+    system, last = newton.system, states[-1].copy()
+    for at in states:
+        at.copy(system.q)
+        newton.linearise()
+        last.copy(system.q)
+        system.residual(system.q, system.residual_vector)
+        found = capacitance(newton, "terminal")
+        assert found == pytest.approx(expected, rel=1e-8)

@@ -58,6 +58,7 @@ Set = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="override a key, such as mesh.columns=80"),
 ]
+Ranks = Annotated[int, typer.Option("--mpi", min=1, help="number of MPI ranks")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="replace the file given by --out")]
 Dark = Annotated[bool, typer.Option("--dark", help="on a dark background")]
 Step = Annotated[

@@ -14,6 +14,7 @@ from dealib.cli.root import (
     CacheFolder,
     ConfigFile,
     Jobs,
+    Ranks,
     Retry,
     Set,
     StudyFile,
@@ -32,7 +33,7 @@ def run(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="mesh and compile, print what would be solved")
     ] = False,
-    mpi: Annotated[int, typer.Option(min=1, help="number of MPI ranks")] = 1,
+    mpi: Ranks = 1,
 ) -> None:
     """Run a config; with -v it shows increments and Newton's residuals."""
     from dealib.config import load
@@ -71,7 +72,7 @@ def modes(
     set: Set = None,
     out: Annotated[Path | None, typer.Option(help="directory; default RUN-modes")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier ones")] = False,
-    mpi: Annotated[int, typer.Option(min=1, help="number of MPI ranks")] = 1,
+    mpi: Ranks = 1,
 ) -> None:
     """Natural frequencies and shapes about the states at the ends of stages.
 
@@ -113,7 +114,7 @@ def respond(
     set: Set = None,
     out: Annotated[Path | None, typer.Option(help="directory; default RUN-response")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier one")] = False,
-    mpi: Annotated[int, typer.Option(min=1, help="number of MPI ranks")] = 1,
+    mpi: Ranks = 1,
 ) -> None:
     """Small-signal spectrum about a state: displacement, force, charge, current, impedance.
 
@@ -158,7 +159,7 @@ def sensitivity(
     set: Set = None,
     out: Annotated[Path | None, typer.Option(help="directory; default RUN-sensitivity")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier ones")] = False,
-    mpi: Annotated[int, typer.Option(min=1, help="number of MPI ranks")] = 1,
+    mpi: Ranks = 1,
 ) -> None:
     """How results follow each number of a config: d ln(quantity) / d ln(key), from one run.
 

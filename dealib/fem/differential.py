@@ -155,32 +155,47 @@ def capacitance(newton: Newton, port: str) -> float:
     system, problem = newton.system, newton.system.problem
     if problem.sheet is not None:
         return -problem.integrate(f"corner {port} {port}")
-    q, right, response = system.q, system.q.duplicate(), system.q.duplicate()
+    q, right = system.q, system.q.duplicate()
     at_once = nullcontext() if system.charging is None else system.charging.at_once()
     with system.elsewhere(), at_once:
-        if not newton.factored or system.charging is not None:
+        near = newton.factored and system.charging is None
+        trial, found = _test_potential(newton, port) if near else (q, False)
+        if not found:  # the tangent at hand is that of a state too far away
             system.residual(q, right)
             newton.assemble()
-        right.set(0.0)
-        system.map.set_port(right, port, 1.0)
-        system.eliminate(right)
-        newton.solve_linear(right, response)
-        volts, trial = system.map.port_values(response)[port], q.copy()
-        fields = np.flatnonzero(system.map.field == FIELDS.index("potential"))
-        trial.array[fields] = response.array_r[fields] / volts
-        system.map.set_port(trial, port, 1.0)
-        for _ in range(_CORRECTIONS):
-            system.residual(trial, right)
-            missed = right.array_r[fields]
-            right.set(0.0)
-            right.array[fields] = missed
-            newton.solve_linear(right, response)
-            trial.array[fields] -= response.array_r[fields]
-            of, part = (system.field_norms(v)[FIELDS.index("potential")] for v in (trial, response))
-            if part <= _ENOUGH * of:
-                break
+            trial, _ = _test_potential(newton, port)
         system.expand(trial)
         energy = problem.integrate("electric")
     if system.charging is not None:
         system.residual(q, right)
     return -2 * energy
+
+
+def _test_potential(newton: Newton, port: str) -> tuple[Any, bool]:
+    """The present state with the potential of 1 kV at a terminal, and whether corrections converge.
+
+    The problem's state is another one afterwards.
+    """
+    system = newton.system
+    trial, right, response = (system.q.copy() for _ in range(3))
+    fields = np.flatnonzero(system.map.field == FIELDS.index("potential"))
+
+    def size(vector: Any) -> float:
+        return float(system.field_norms(vector)[FIELDS.index("potential")])
+
+    right.set(0.0)
+    system.map.set_port(right, port, 1.0)
+    system.eliminate(right)
+    newton.solve_linear(right, response)
+    trial.array[fields] = response.array_r[fields] / system.map.port_values(response)[port]
+    system.map.set_port(trial, port, 1.0)
+    for _ in range(_CORRECTIONS):
+        system.residual(trial, right)
+        missed = right.array_r[fields]
+        right.set(0.0)
+        right.array[fields] = missed
+        newton.solve_linear(right, response)
+        trial.array[fields] -= response.array_r[fields]
+        if size(response) <= _ENOUGH * size(trial):
+            return trial, True
+    return trial, False

@@ -173,9 +173,11 @@ class System:
     def elsewhere(self) -> Iterator[None]:
         """Evaluate residuals of other states for a while (collective)."""
         kept = self.values, self.internal, self._forces
-        yield
-        self.values, self.internal, self._forces = kept
-        self.expand(self.q)
+        try:
+            yield
+        finally:
+            self.values, self.internal, self._forces = kept
+            self.expand(self.q)
 
     def expand(self, q: Any) -> None:
         """Set the problem's state from reduced unknowns."""
