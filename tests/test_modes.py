@@ -485,6 +485,30 @@ def test_what_it_refuses(small, tmp_path):
     assert "the run ended before the end of 'charge'" in str(stopped.exception)
 
 
+def test_nothing_flows_through_openings_within_a_period():
+    """So that frequencies do not depend on how long the step before was."""
+    blow_up = {"stage": "blow up", "chamber": {"pressure": "1 kPa"}, "steps": 4}
+    base = {"kind": "disc", "radius": "10 mm"}
+
+    def given(openings: Any, *others: dict[str, Any]) -> Any:
+        chambers = {"air": {"on": "film.bottom", "openings": openings}}
+        return film(base, 1.5, 0.5, chambers=chambers, program=[blow_up, *others])
+
+    def frequencies(*of: Any) -> Any:
+        return found(given(*of), 3)["frequency_Hz"].to_numpy()
+
+    hole = {"hole": {"conductance": "40 mm^3/s/kPa", "pressure": "1 kPa"}}
+    water = {"stage": "close", "chamber": {"liquid": {"density": "1000 kg/m^3"}}}
+    slow, quick = (
+        frequencies(hole, water | {"duration": "10 s", "steps": steps}) for steps in (1, 20)
+    )
+    assert slow == pytest.approx(quick, rel=1e-7)
+    *_, end = simulation(given(None))
+    shut = {"stage": "close", "chamber": {"volume": f"{end.row['volume_mm3']!r} mm^3"}}
+    assert slow == pytest.approx(frequencies(None, shut), rel=1e-6)
+    assert slow[0] > 1.1 * frequencies(None)[0]  # than at a given pressure
+
+
 @pytest.mark.mpi
 def test_on_two_ranks_as_on_one(small, tmp_path):
     tables = []

@@ -147,6 +147,47 @@ def test_a_small_motion_in_time_has_the_same_spectrum():
     assert abs(seen / expected - 1) < 0.01
 
 
+def test_what_is_in_a_chamber_flows_through_its_opening():
+    """p = -b/(S + g/(i omega)): b the volume a voltage, S that a pressure, g the flow a pressure.
+
+    The disc is taut and light, so that its inertia does not show.
+    """
+    hertz = np.array([0.02, 0.3, 5.0])
+
+    def at(conductance: float, **inside: Any) -> tuple[pd.DataFrame, dict[str, Any]]:
+        opening = {"conductance": f"{conductance} mm^3/s/kPa", "pressure": "1 kPa"}
+        close = {"stage": "close", "chamber": inside, "duration": "100 s", "steps": 10}
+        settle = {"stage": "settle", "duration": "100 s", "steps": 10}
+        given = config(
+            "disc",
+            materials={"film": SOFT | {"prestretch": 1.5, "density": "1 kg/m^3"}},
+            physics={"formulation": "mixed"},
+            chambers={"air": {"on": "film.bottom", "openings": {"hole": opening}}},
+            program=[
+                {"stage": "blow up", "chamber": {"pressure": "1 kPa"}, "steps": 4},
+                {"stage": "charge", "terminal": {"voltage": "2 kV"}, "steps": 2},
+                *([close, settle] if inside else []),
+            ],
+        )
+        return spectrum(given, hertz)
+
+    def pressure(*given: Any, **inside: Any) -> Any:
+        return complex_of(at(*given, **inside)[0], "pressure_kPa_per_kV", "pressure_phase_deg")
+
+    table, state = at(40)
+    b = complex_of(table, "volume_mm3_per_kV", "volume_phase_deg")
+    water = {"density": "1000 kg/m^3"}
+    S = -b / pressure(1e-12, liquid=water)
+    flow = 40 / (2j * np.pi * hertz)
+    assert abs(flow[0]) > abs(S[0])
+    assert pressure(40, liquid=water) == pytest.approx(-b / (S + flow), rel=1e-4)
+    # a gas that has got the pressure beyond the opening, 100 kPa, gives way besides
+    gas = (2000 + state["volume_mm3"]) / 100
+    assert gas > 0.1 * abs(S[0])
+    found = pressure(40, gas={"volume": "2 ml", "pressure": "99 kPa"})
+    assert found == pytest.approx(-b / (S + gas + flow), rel=1e-4)
+
+
 def test_branches_have_relaxed_before():
     """However short the program was: the static limit is that of the law alone."""
     branch = {"shear_modulus": "0.5 MPa", "relaxation_time": "1000 s"}

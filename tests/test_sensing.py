@@ -203,7 +203,9 @@ def test_a_generator_cycle(generator, tmp_path):
 def test_repeated_actuation_against_a_weight_gives_back_what_it_took(tmp_path):
     program = "[{stage: load, mount: {mass: 10 g}, steps: 3}, {stage: actuate, duration: 4 s, "
     program += "terminal: {voltage: [0 V, 2 kV, 0 V]}, steps: 8, cycles: 2}]"
-    one, two = cycles(dealib.simulate(small(program=program), tmp_path / "run"))
+    run = dealib.simulate(small(program=program), tmp_path / "run")
+    one, two = cycles(run)
+    assert [row[-1] for row in facts.cycle_table(run)] == ["0 %", "0 %"]  # no trace of rounding
     assert (one.name, one.first, one.last) == ("actuate 1", 3, 11)
     assert (two.name, two.first, two.last) == ("actuate 2", 11, 19)
     for found in (one, two):

@@ -106,6 +106,15 @@ class Filled(Section):
         absolute = self._absolute(x)
         return self.gas.volume - amount / absolute, (amount / absolute - slope) / absolute
 
+    def leak(self, x: float) -> float:
+        """What flows out a time and pressure, mm^3/s/MPa, as if nothing had flowed in the step.
+
+        Args:
+            x: Pressure in the chamber above that outside, MPa.
+        """
+        held = self.model_copy(update={"step": 1.0}).held(x)[1]
+        return -held if self.gas is None else -held / self._absolute(x)
+
     def after(self, x: float) -> Filled:
         """The next state."""
         return self.model_copy(update={"amount": self.held(x)[0], "pressure": x, "step": 0.0})

@@ -216,6 +216,16 @@ class Newton:
         system.q.axpy(-1.0, found)
         system.residual(system.q, system.residual_vector)
 
+    def polish(self) -> None:
+        """Correct the state once more, beyond the tolerance; rounding may stop it (collective)."""
+        system, kept = self.system, self.system.q.copy()
+        self.linearise()
+        before = system.residual_vector.norm()
+        self.step_from(kept)
+        if not system.residual_vector.norm() < before:
+            kept.copy(system.q)
+            system.residual(system.q, system.residual_vector)
+
     def solve_linear(self, right: Any, found: Any) -> None:
         """Solve with the last tangent; Newton corrects a coarse solution, nothing corrects this.
 

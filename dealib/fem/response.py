@@ -6,8 +6,8 @@ With x = Re(X exp(i omega t)) about an equilibrium in which the Maxwell branches
 
 where K is the tangent of the relaxed state and K_v what a branch, held at its internal state, adds
 to it; z = i omega tau/(1 + i omega tau), which is exact for small changes. M is the mass, a M +
-b K_u Rayleigh's damping, and G the conductances of resistive electrodes. `fem.pairs`
-solves it in real numbers, and `fem.reduction` finds many frequencies from a few.
+b K_u Rayleigh's damping, and G the conductances of resistive electrodes and of the openings of
+chambers. `fem.pairs` solves it in real numbers, `fem.reduction` finds many frequencies from a few.
 """
 
 from __future__ import annotations
@@ -18,13 +18,17 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
+from petsc4py import PETSc
+
 import numpy as np
 
+from dealib.config.chamber import Filled
 from dealib.fem import conduction
 from dealib.fem.linear import fixed_tangent
 from dealib.fem.newton import Newton
 from dealib.fem.pairs import Pairs
 from dealib.fem.reduction import Complex, Reduction
+from dealib.fem.system import System
 from dealib.fem.vibrations import switched
 from dealib.fem.viscous import Viscosity
 
@@ -99,6 +103,8 @@ class Response:
                 system.expand(system.q)
         if conducts:
             self._add("conductance", conduction.conductance(system))
+        if (openings := _openings(system)) is not None:
+            self._add("openings", openings)
         self._damping = damping
         self._pairs = Pairs(self._parts)
 
@@ -163,6 +169,7 @@ class Response:
             "mass": -(omega**2) + 1j * omega * self._damping.mass,
             "damping": 1j * omega * self._damping.stiffness,
             "conductance": 1j / omega,
+            "openings": 1j / omega,
         }
         for tau in self._times:
             turn = 1j * omega * tau
@@ -217,6 +224,26 @@ def _refine(
         check(pair for place in worst for pair in itertools.pairwise(place))
 
 
+def _openings(system: System) -> Any:
+    """What flows through the openings of chambers a time and pressure; None: there are none."""
+    found = system.q.duplicate()
+    found.set(0.0)
+    filled = False
+    for name, law in system.ports.items():
+        for inside in (e for e, _ in law.elements if isinstance(e, Filled)):
+            filled = True
+            system.map.set_port(found, name, inside.leak(system.values[name]))
+    if not filled:
+        return None
+    found.assemble()
+    (start, end), size = found.getOwnershipRange(), (found.getLocalSize(), found.getSize())
+    rows, columns = np.arange(end - start + 1), np.arange(start, end)
+    csr = rows.astype(PETSc.IntType), columns.astype(PETSc.IntType), found.array_r
+    matrix = PETSc.Mat().createAIJ((size, size), csr=csr, comm=found.comm)
+    matrix.setOption(PETSc.Mat.Option.KEEP_NONZERO_PATTERN, True)
+    return matrix
+
+
 def _relaxed(viscosity: Viscosity | None) -> AbstractContextManager[None]:
     """A context in which branches follow at once."""
     return nullcontext() if viscosity is None else viscosity.held(lambda branch: False)
@@ -225,15 +252,14 @@ def _relaxed(viscosity: Viscosity | None) -> AbstractContextManager[None]:
 @contextmanager
 def relaxed_state(newton: Newton, viscosity: Viscosity | None) -> Iterator[None]:
     """Be at the equilibrium in which the branches have relaxed, for a while (collective)."""
-    if viscosity is None:
-        yield
-        return
     system, kept = newton.system, newton.system.q.copy()
     try:
         with _relaxed(viscosity):
-            newton.solve()
+            if viscosity is not None:
+                newton.solve()
+            newton.polish()
         system.expand(system.q)
-        with viscosity.relaxed():
+        with nullcontext() if viscosity is None else viscosity.relaxed():
             yield
     finally:
         kept.copy(system.q)

@@ -52,8 +52,14 @@ def vibrations(
         count: How many modes.
         circuits: Whether to find the modes with each terminal open and closed, too.
     """
+    system, kept = newton.system, newton.system.q.copy()
     with nullcontext() if viscosity is None else viscosity.held(lambda branch: True):
-        return _vibrations(newton, count, circuits)
+        newton.polish()
+        try:
+            return _vibrations(newton, count, circuits)
+        finally:
+            kept.copy(system.q)
+            system.residual(system.q, system.residual_vector)
 
 
 def _vibrations(newton: Newton, count: int, circuits: bool) -> Vibrations:

@@ -107,7 +107,8 @@ class Engine:
     def _flows(self) -> Flows:
         p, problem = self.progress, self.problem
         system, least = self.newton.system, problem.domain.sizes.volume
-        return Flows(problem.device, p.drives, p.through, lambda: system.values, least)
+        laws = system.ports
+        return Flows(problem.device, p.drives, p.through, laws, lambda: system.values, least)
 
     def begin(self, duration: float) -> None:
         """Prepare a step from the last converged state, in s."""

@@ -9,6 +9,7 @@ from dataclasses import replace
 from dealib.config.chamber import Filled
 from dealib.device.device import Device
 from dealib.device.records import CHAMBER
+from dealib.fem.system import PortLaw
 from dealib.program.inputs import Drives
 
 
@@ -23,6 +24,7 @@ class Flows:
         device: The device.
         drives: See above.
         through: See above.
+        laws: The ports' equations; changed in place.
         values: Gives those of the ports, in the last residual.
         least: Volume that errors are compared with at least, mm^3.
     """
@@ -32,10 +34,11 @@ class Flows:
         device: Device,
         drives: dict[str, Drives],
         through: dict[str, float],
+        laws: dict[str, PortLaw],
         values: Callable[[], dict[str, float]],
         least: float,
     ) -> None:
-        self.drives, self.through, self._values = drives, through, values
+        self.drives, self.through, self._laws, self._values = drives, through, laws, values
         self._chambers = [port.name for port in device.of(CHAMBER) if port.openings]
         self._least = least
 
@@ -67,21 +70,25 @@ class Flows:
         return missed / inside
 
     def commit(self) -> None:
-        """Accept the step."""
+        """Accept the step: small changes of the state see what is inside now, and no flow."""
         for name, filled in self.filled.items():
             x = self._values()[name]
             for opening, (flow, _) in filled.flows(x).items():
                 self.through[opening] = self.through.get(opening, 0.0) + filled.step * flow
-            self._put(name, filled.after(x))
+            after, known = filled.after(x), self._laws[name]
+            self._put(name, after)
+            (_, anchor), *others = known.elements
+            self._laws[name] = replace(known, elements=((after, anchor), *others))
 
     @contextmanager
     def tentative(self) -> Iterator[None]:
         """Accept the step for a while, to look at it."""
-        drives, through = dict(self.drives), dict(self.through)
+        drives, through, laws = dict(self.drives), dict(self.through), dict(self._laws)
         self.commit()
         try:
             yield
         finally:
             self.drives.update(drives)
+            self._laws.update(laws)
             self.through.clear()
             self.through.update(through)

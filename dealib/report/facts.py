@@ -199,7 +199,10 @@ def cycle_table(run: Run) -> list[tuple[str, ...]]:
         (
             c.name,
             *(_number(v) for v in (c.electrical_in, c.electrical, c.mechanical_out, c.mechanical)),
-            *("–" if np.isnan(v) else f"{100 * v:.3g} %" for v in (c.transfer, c.efficiency)),
+            *(
+                "–" if np.isnan(v) else f"{round(100 * v, 6):.3g} %"
+                for v in (c.transfer, c.efficiency)
+            ),
         )
         for c in cycles(run)
     ]
