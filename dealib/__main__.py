@@ -9,6 +9,7 @@ import time
 from types import FrameType
 
 import dealib.cli.clock  # noqa: F401 - starts it
+from dealib.cli.launched import begin_quickly, rank
 from dealib.errors import FAULT, ConfigError, DealibError, Interrupted
 
 os.environ.setdefault("MPLBACKEND", "Agg")  # pictures go to files, with a screen or without
@@ -20,6 +21,7 @@ def main() -> None:
     from dealib.cli.streams import flushed, guard
 
     guard()
+    begin_quickly()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _stop)
     everywhere = False
@@ -98,8 +100,6 @@ def _at_home(argument: str) -> str:
 
 def _say(message: str, always: bool = False) -> None:
     """Tell the user, once for all ranks unless each has something of its own to say."""
-    from dealib.cli.root import rank
-
     if always or rank() == 0:
         print(f"dealib: {message}", file=sys.stderr)
 
@@ -119,8 +119,6 @@ def _abort_all_ranks(code: int) -> None:
 
 def _let_the_first_rank_tell() -> None:
     """Whoever ends first with an error ends all others, on Open MPI 5 before they have spoken."""
-    from dealib.cli.root import rank
-
     if rank() > 0 and "mpi4py.MPI" not in sys.modules:  # whose end waits for all
         sys.stderr.flush()
         time.sleep(_PATIENCE)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -16,6 +17,7 @@ import pytest
 from conftest import case
 
 import dealib
+from dealib.cli import launched
 from dealib.cli.mpi import environment, mpirun
 from dealib.config import resolved
 from dealib.fem.compat import HAS_HYPRE
@@ -284,3 +286,18 @@ def test_what_stops_rank_0_stops_all(tmp_path):
     code, errors = finish(process)
     assert code == 4
     assert errors.count("cannot write") == 1
+
+
+def test_a_process_by_itself_starts_no_daemon(monkeypatch):
+    own: dict[str, str] = {}
+    monkeypatch.setattr(os, "environ", own)
+    launched.begin_quickly()
+    assert own == launched.ALONE
+    assert not launched.ALONE.keys() & environment().keys()  # mpirun's ranks talk to each other
+    for kept in ("OMPI_MCA_btl", "PMIX_RANK"):  # the user's choice, and a launcher's child
+        own.clear()
+        own[kept] = "3"
+        launched.begin_quickly()
+        assert own == {kept: "3"}
+    own["OMPI_MCA_btl"] = "tcp,self"
+    assert environment()["OMPI_MCA_btl"] == "tcp,self"

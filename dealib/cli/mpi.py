@@ -14,6 +14,7 @@ from typing import NoReturn
 
 import psutil
 
+from dealib.cli.launched import ALONE
 from dealib.errors import PlatformError
 
 # Open MPI refuses to run as root unless told twice, and to run more ranks than there are cores
@@ -77,6 +78,7 @@ def _ranks(mpirun: int) -> list[psutil.Process]:
 def environment() -> dict[str, str]:
     """Environment in which mpirun starts whatever this process is."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith(_LEFT_BEHIND)}
+    kept = {k: v for k, v in kept.items() if ALONE.get(k) != v}
     if not sys.stdout.isatty():  # mpirun gives its ranks a terminal of its own
         kept["TTY_COMPATIBLE"] = "0"
     return kept | _OPEN_MPI

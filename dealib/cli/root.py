@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from dealib.cli.launched import rank
 from dealib.log import to_terminal
 
 app = typer.Typer(
@@ -44,12 +44,6 @@ def _before_each(
     ] = False,
 ) -> None:
     to_terminal(verbose, rank() == 0)
-
-
-def rank() -> int:
-    """Rank under mpirun, without importing MPI."""
-    names = ("OMPI_COMM_WORLD_RANK", "PMI_RANK", "PMIX_RANK")
-    return int(next((os.environ[name] for name in names if name in os.environ), 0))
 
 
 ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file", readable=False)]

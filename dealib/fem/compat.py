@@ -180,11 +180,16 @@ def _locked(folder: Path) -> Iterator[None]:
         except OSError:  # some network file systems have no locks
             yield
             return
-        names = set(os.listdir(folder))  # at once: a cache holds thousands of files
-        sources = (n for n in names if n.startswith("libffcx_") and n.endswith(".c"))
-        for name in (n for n in sources if f"{n}.cached" not in names):
-            (folder / name).unlink()
+        if _seen.get(folder) != folder.stat().st_mtime_ns:  # a cache may hold thousands of files
+            names = set(os.listdir(folder))
+            sources = (n for n in names if n.startswith("libffcx_") and n.endswith(".c"))
+            for name in (n for n in sources if f"{n}.cached" not in names):
+                (folder / name).unlink()
+            _seen[folder] = folder.stat().st_mtime_ns
         yield
+
+
+_seen: dict[Path, int] = {}  # when a folder had changed last before it was looked through
 
 
 def functionspace(mesh: Any, element: Any) -> Any:

@@ -19,8 +19,6 @@ def thickness_stretch(law: Law, radial: float, hoop: float) -> float:
     Raises:
         ValueError: If the law has no such state between half and twice the isochoric stretch.
     """
-    from scipy.optimize import brentq
-
     if radial == hoop == 1:
         return 1.0  # exactly: every law is stress-free at rest
     ends = thickness_range(law, radial, hoop)
@@ -29,7 +27,10 @@ def thickness_stretch(law: Law, radial: float, hoop: float) -> float:
             f"{law.name()}: no thickness stretch without thickness stress at the pre-stretch "
             f"({radial:g}, {hoop:g})"
         )
-    return float(brentq(_thickness_stress(law, radial, hoop), *ends, xtol=1e-15, rtol=1e-14))
+    stress, (low, high) = _thickness_stress(law, radial, hoop), ends
+    while low < (middle := (low + high) / 2) < high:  # to import a library's takes longer than this
+        low, high = (low, middle) if stress(middle) > 0 else (middle, high)
+    return middle
 
 
 def thickness_range(law: Law, radial: float, hoop: float) -> tuple[float, float] | None:
