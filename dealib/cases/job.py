@@ -98,7 +98,8 @@ def _solve(job: Job, report: Report | None) -> None:
         shutil.rmtree(job.directory, ignore_errors=True)
     case = load(job.base, job.overrides)
     observers = [] if report is None else [_Reporter(report)]
-    done: Any = {"overwrite": True, "observers": observers, "comm": MPI.COMM_SELF}
+    done: Any = {"overwrite": True, "resumable": False, "observers": observers}
+    done["comm"] = MPI.COMM_SELF
     if job.spectrum is None:
         simulate(case, job.directory, **done)
         return

@@ -7,6 +7,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,11 @@ class Case:
     text: str
     path: Path
     overrides: tuple[str, ...] = ()
+
+    @cached_property
+    def resolved(self) -> str:
+        """The config with all defaults, as YAML."""
+        return resolved(self.config)
 
     @contextmanager
     def blamed(self) -> Iterator[None]:

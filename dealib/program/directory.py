@@ -11,7 +11,7 @@ from typing import Any
 
 from mpi4py import MPI
 
-from dealib.config.case import Case, resolved
+from dealib.config.case import Case
 from dealib.config.schema import Config
 from dealib.device import gmsh_model
 from dealib.errors import ConfigError, DealibError, PlatformError
@@ -71,7 +71,7 @@ def prepare(
                 lock = _make(path, overwrite)
             store.write_info(path, info)
             write_text(path / "config.yaml", case.text)
-            write_text(path / "config.resolved.yaml", resolved(case.config))
+            write_text(path / "config.resolved.yaml", case.resolved)
         except DealibError as caught:
             error = caught
     error = comm.bcast(error, root=0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import platform
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 
+@functools.cache
 def git_hash() -> str | None:
     """Commit of the checkout that dealib runs from, if it is one."""
     try:

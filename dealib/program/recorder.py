@@ -5,8 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-from dealib.config.case import Case, resolved
+from dealib.config.case import Case
 from dealib.errors import PlatformError
 from dealib.program.history import State
 from dealib.program.simulation import Simulation
@@ -21,10 +22,18 @@ class Recorder:
         directory: The run directory.
         case: The case.
         begin: Makes the writer.
+        resumable: Whether the run can be resumed.
     """
 
-    def __init__(self, directory: Path, case: Case, begin: Callable[[Opening], Writer]) -> None:
+    def __init__(
+        self,
+        directory: Path,
+        case: Case,
+        begin: Callable[[Opening], Writer],
+        resumable: bool = True,
+    ) -> None:
         self._directory, self._case, self._begin = directory, case, begin
+        self._resumable = resumable
         self._wanted = case.config.output.fields
         self._writer: Writer | None = None
 
@@ -34,21 +43,27 @@ class Recorder:
         self._timings = engine.timings
         if engine.layout.mesh is None:
             return
-        texts = {"config": self._case.text, "config_resolved": resolved(self._case.config)}
+        texts = {"config": self._case.text, "config_resolved": self._case.resolved}
         texts |= {f"versions/{k}": v for k, v in versions().items()}
         mesh, done = engine.layout.mesh, simulation.progress.step
-        self._writer = self._begin(Opening(self._directory, self._case.config, mesh, texts, done))
+        opening = self._directory, self._case.config, mesh, texts, done, self._resumable
+        self._writer = self._begin(Opening(*opening))
 
     def see(self, state: State) -> None:
         """See `Observer`."""
         begin = time.perf_counter()
         ends = state.end_of_stage or state.lost
         stored = self._wanted == "every" or (self._wanted == "stage" and ends)
-        nodal, internal, in_time = state.nodal(), state.internal(), state.in_time()
-        values = state.engine.plain()
+        nodal, internal, in_time, values = None, None, dict[str, Any](), dict[str, Any]()
+        if stored or self._resumable:
+            nodal, internal, in_time = state.nodal(), state.internal(), state.in_time()
+        if self._resumable:
+            values = state.engine.plain()
         if self._writer is not None:
             viscosity = state.engine.viscosity
-            at_gauss = None if viscosity is None else viscosity.at_points(internal)
+            at_gauss = None
+            if stored and viscosity is not None and internal is not None:
+                at_gauss = viscosity.at_points(internal)
             keep = state.engine.predictor.memory
             beside = {"internal": internal, **in_time}
             kept = (nodal, stored, values, keep, beside, at_gauss, state.modes)

@@ -125,6 +125,7 @@ def simulate(
     observers: Sequence[Observer] = (),
     beside: Beside | None = None,
     look: Callable[[State], State] | None = None,
+    resumable: bool = True,
     comm: MPI.Comm = MPI.COMM_WORLD,
     argv: Sequence[str] | None = None,
     started: float | None = None,
@@ -139,6 +140,7 @@ def simulate(
         observers: What else sees each state.
         beside: Process that writes; default: states are written in the step itself.
         look: Looks at each state first, and may add to it what is written.
+        resumable: Whether there are checkpoints to go on from; without, more is written at the end.
         comm: MPI communicator.
         argv: Command line to record.
         started: `time.perf_counter()` at which the process began, for the timings.
@@ -178,7 +180,7 @@ def simulate(
             mesh_file = path / "mesh.msh" if saved is None else None
             simulation = Simulation(case, comm, mesh_file, saved)
             writer = StepWriter if beside is None else partial(beside.open, lock=lock)
-            recorder = Recorder(path, case, writer)
+            recorder = Recorder(path, case, writer, resumable)
             session.run(simulation, recorder, observers, signals, look)
     return Run(path)
 

@@ -93,7 +93,7 @@ class StateFile:
     """`results.h5`: mesh, config, versions, history and nodal states.
 
     While the run goes on each state is a file of its own and `results.h5`, which links to them, is
-    kept in memory and replaced whole at each step; `close` gathers everything into the one file.
+    kept in memory; `flush` replaces it whole, and `close` gathers everything into the one file.
 
     Args:
         directory: The run directory.
@@ -131,9 +131,10 @@ class StateFile:
         self._file.create_group("states")
         self._history = self._file.create_group("history", track_order=True)
         self._columns: dict[str, Any] = {}  # to look them up by name costs as much as to write
+        self._rows: list[Mapping[str, Any]] = []  # that are not in it yet
         if keep >= 0:
             self._reopen(keep)
-        self._write()
+        self.flush()
 
     def add(
         self, row: Mapping[str, Any], state: Array | None, more: Mapping[str, Array | None]
@@ -145,8 +146,7 @@ class StateFile:
             state: Nodal values.
             more: What else there is of it, by the names of `_MORE`.
         """
-        for name, value in row.items():
-            self._append(name, [value])
+        self._rows.append(row)
         if state is not None:
             name = f"{row['step']:05d}"
             with new_hdf5(self.folder / f"{name}.h5") as file:
@@ -157,10 +157,17 @@ class StateFile:
                 for key, values in there.items():
                     _keep(file, key, values)
             self._link_state(name, there)
-        self._write()
+
+    def flush(self) -> None:
+        """Write what there is."""
+        for name in self._rows[0] if self._rows else ():
+            self._append(name, [row[name] for row in self._rows])
+        self._rows.clear()
+        write_hdf5(self.path, self._file)
 
     def close(self) -> None:
         """Gather the states into `results.h5`."""
+        self.flush()
         with whole(self.path) as temporary:
             try:
                 with h5py.File(temporary, "w") as file:
@@ -207,9 +214,6 @@ class StateFile:
         self._link(f"states/{name}", f"{name}.h5", "/state")
         for key in more:
             self._link(f"{key}/{name}", f"{name}.h5", f"/{key}")
-
-    def _write(self) -> None:
-        write_hdf5(self.path, self._file)
 
     def _gather(self, file: Any) -> None:
         """Copy everything into one file, and with it what is linked."""

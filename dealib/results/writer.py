@@ -26,6 +26,7 @@ class Opening:
         mesh: Mesh of the states.
         texts: What else `results.h5` holds, by name.
         done: Go on after this step; later ones are dropped.
+        resumable: Whether there are checkpoints, and `results.h5` is whole at each step.
     """
 
     directory: Path
@@ -33,6 +34,7 @@ class Opening:
     mesh: ResultMesh
     texts: Mapping[str, str]
     done: int
+    resumable: bool = True
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class Record:
 
     Attributes:
         row: Row of the history.
-        state: Nodal values.
+        state: Nodal values; None if nobody wants them.
         stored: Whether the state and its fields are results, or only a checkpoint.
         values: Plain values for the checkpoint.
         keep: How many states a checkpoint keeps.
@@ -53,7 +55,7 @@ class Record:
     """
 
     row: dict[str, Any]
-    state: Array
+    state: Array | None
     stored: bool
     values: dict[str, Any]
     keep: int
@@ -90,7 +92,7 @@ class StepWriter:
         self._states = store.StateFile(
             directory, mesh, opening.config.device.kinematics.axes, opening.texts, done
         )
-        self._checkpoint = CheckpointFolder(directory)
+        self._checkpoint = CheckpointFolder(directory) if opening.resumable else None
         self._fields: store.FieldFile | None = None
         if opening.config.output.fields != "none":
             self._fields = store.FieldFile(directory, mesh, done)
@@ -103,13 +105,15 @@ class StepWriter:
         row, state, at_gauss = record.row, record.state, record.at_gauss
         rates = record.beside.get("rates")
         velocity = None if rates is None else rates[0]
-        if self._fields is not None and record.stored:
+        if self._fields is not None and record.stored and state is not None:
             derived = self._derive(state, at_gauss) | named(record.modes, velocity)
             self._fields.add(row["step"], row["time_s"], derived)
         self._history.add(row)
         more = {"internal": at_gauss, "modes": record.modes, "velocity": velocity}
         self._states.add(row, state if record.stored else None, more)
-        self._checkpoint.write(record.values, self._mesh, state, record.keep, record.beside)
+        if self._checkpoint is not None and state is not None:
+            self._states.flush()
+            self._checkpoint.write(record.values, self._mesh, state, record.keep, record.beside)
         self.seconds += time.perf_counter() - begin
 
     def wait(self) -> None:
