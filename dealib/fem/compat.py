@@ -152,14 +152,15 @@ def facet_quadrature(mesh: Any, side: int, degree: int) -> tuple[Any, Any, Any]:
 
 
 @contextmanager
-def _jit(comm: Any) -> Iterator[dict[str, Any]]:
-    """Options for just-in-time compilation, by one process at a time and without chatter.
+def _jit(comm: Any, kind: str) -> Iterator[dict[str, Any]]:
+    """Options for just-in-time compilation of a kind, by one process at a time, without chatter.
 
     FFCx marks a module that is being compiled by its C file, and waits for whoever does it. A run
-    that is killed then leaves a mark that nobody will lift. All of dealib compiles under one file
-    lock, which the kernel lifts when its holder dies: marks found under it are stale.
+    that is killed then leaves a mark that nobody will lift. So each kind is compiled under a file
+    lock, which the kernel lifts when its holder dies: marks found under it are stale. It has a
+    folder of its own, since FFCx lists the folder whenever it loads a module.
     """
-    folder = cache_folder()
+    folder = cache_folder() / kind
     options = {_JIT: {"cache_dir": str(folder), "timeout": 600}}
     logging.disable(logging.INFO)
     try:
@@ -180,7 +181,7 @@ def _locked(folder: Path) -> Iterator[None]:
         except OSError:  # some network file systems have no locks
             yield
             return
-        if _seen.get(folder) != folder.stat().st_mtime_ns:  # a cache may hold thousands of files
+        if _seen.get(folder) != folder.stat().st_mtime_ns:
             names = set(os.listdir(folder))
             sources = (n for n in names if n.startswith("libffcx_") and n.endswith(".c"))
             for name in (n for n in sources if f"{n}.cached" not in names):
@@ -195,7 +196,7 @@ _seen: dict[Path, int] = {}  # when a folder had changed last before it was look
 def functionspace(mesh: Any, element: Any) -> Any:
     """The finite element space of an element on a mesh."""
     known = inspect.signature(_functionspace).parameters
-    with _jit(mesh.comm) as options:
+    with _jit(mesh.comm, "elements") as options:
         return _functionspace(mesh, element, **{k: v for k, v in options.items() if k in known})
 
 
@@ -213,14 +214,17 @@ def _compiler_flags() -> tuple[str, ...]:
 
 def form(expression: Any) -> Any:
     """Compile a UFL form (collective)."""
-    with _jit(expression.ufl_domain().ufl_cargo().comm) as options:
+    kind = expression.signature()[:2]  # FFCx needs it, too
+    with _jit(expression.ufl_domain().ufl_cargo().comm, kind) as options:
         options[_JIT]["cffi_extra_compile_args"] = list(_compiler_flags())
         return fem.form(expression, **options)
 
 
 def expression(ufl_expression: Any, points: npt.NDArray[np.float64]) -> Any:
     """Compile an expression for evaluation at reference points (collective)."""
-    with _jit(ufl.domain.extract_unique_domain(ufl_expression).ufl_cargo().comm) as options:
+    comm = ufl.domain.extract_unique_domain(ufl_expression).ufl_cargo().comm
+    size = int(np.prod(ufl_expression.ufl_shape, dtype=int))
+    with _jit(comm, f"expressions-{size}-{len(points)}") as options:
         return fem.Expression(ufl_expression, points, **options)
 
 
