@@ -267,11 +267,11 @@ EDITS = [
      "tables: {displacement: [0 mm, 1 mm], voltage: {top: [0, 2 kV]}}\nprogram:",
      "19:54: tables.voltage.top.0: expected a voltage with its unit, such as '2.5 kV'; '0' has no "
      "unit", "0,"),
-    ("tables of a viscous film", "materials:\n  film:\n",
+    ("tables of a softening film", "materials:\n  film:\n",
      "tables: {displacement: [0 mm, 1 mm], voltage: [0 V, 2 kV]}\nmaterials:\n  film:\n"
-     "    branches: [{shear_modulus: 1 MPa, relaxation_time: 1 s}]\n",
-     "10:9: tables: materials.film has branches: its force depends on time, which tables lack",
-     "{displacement"),
+     "    mullins: {r: 2, m: 10 kPa}\n",
+     "10:9: tables: materials.film has mullins: its force depends on what came before, which "
+     "tables lack", "{displacement"),
     ("tables without a potential", "program:",
      "physics: {coupling: pelrine}\n"
      "tables: {displacement: [0 mm, 1 mm], voltage: [0 V, 2 kV]}\nprogram:",

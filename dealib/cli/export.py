@@ -1,4 +1,4 @@
-"""`dealib export`: tables of a device for system simulation."""
+"""`dealib export`: tables of a device for system simulation, and its FMU."""
 
 from __future__ import annotations
 
@@ -11,26 +11,34 @@ from dealib.cli.run import solve
 from dealib.config.case import Case
 from dealib.config.size import refuse_full_disk
 from dealib.errors import ConfigError
+from dealib.export.fmu import compiler, write_fmu
 from dealib.program.tables import tables_case
 from dealib.results.tables import Tables, collect
 
 
-def export(case: Case, out: Path | None, *, overwrite: bool, resume: bool) -> None:
-    """Solve the states of a config's tables, and write the tables beside them.
+def export(case: Case, out: Path | None, *, fmu: bool, overwrite: bool, resume: bool) -> None:
+    """Solve the states of a config's tables, and write the tables beside them, and an FMU.
 
     Raises:
         ConfigError: If the config has no `tables`, or the directory exists.
         NotConverged: If a state failed; the others are kept.
+        PlatformError: If an FMU cannot be compiled.
     """
     if overwrite and resume:
         raise ConfigError("--overwrite and --resume exclude each other")
-    walk = tables_case(case)
+    walk = tables_case(case, fmu)
+    if fmu:
+        compiler()  # before all the work
     directory = out or Path(f"{case.config.directory}-tables")
     refuse_full_disk(walk.config, directory)
-    tables = collect(solve(walk, directory, overwrite=overwrite, resume=resume))
+    run = solve(walk, directory, overwrite=overwrite, resume=resume)
+    tables = collect(run)
     for path in tables.save(directory):
         typer.echo(str(path))
     typer.echo(_between(tables))
+    if fmu:
+        path = directory / f"{case.config.name}.fmu"
+        typer.echo(f"{path}: {write_fmu(path, run, tables, case.config)}")
 
 
 def _between(tables: Tables) -> str:

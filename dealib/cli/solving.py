@@ -242,16 +242,20 @@ def export(
     out: Annotated[Path | None, typer.Option(help="directory; default RUN-tables")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier tables")] = False,
     resume: Annotated[bool, typer.Option("--resume", help="go on with unfinished tables")] = False,
+    fmu: Annotated[
+        bool, typer.Option("--fmu", help="write DIRECTORY/NAME.fmu, too (needs a C compiler)")
+    ] = False,
 ) -> None:
-    """Tables F(u, V), Q(u, V), C(u, V) of a config for system simulation: CSV, HDF5, MAT.
+    """Tables F(u, V), Q(u, V), C(u, V) of a config for system simulation: CSV, HDF5, MAT, FMU.
 
     The config's `tables` gives the grid. dealib.tables(DIRECTORY) reads them back in Python, with
-    an interpolant whose force and charge come from one energy.
+    an interpolant whose force and charge come from one energy. An FMU (FMI 2.0, co-simulation,
+    Linux x86-64, with its C source) is that interpolant with Maxwell branches and a mass.
     """
     from dealib.cli.export import export as write
     from dealib.config import load
 
-    write(load(config, set), out, overwrite=overwrite, resume=resume)
+    write(load(config, set), out, fmu=fmu, overwrite=overwrite, resume=resume)
 
 
 @app.command()

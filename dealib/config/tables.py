@@ -76,10 +76,9 @@ class Tables(Section):
         if config.physics.coupling != "energy":
             raise ValueAt(("physics", "coupling"), "tables come from one potential: energy only")
         for name, law in config.solids.items():
-            if law.memory:
-                where = f"materials.{name} has {' and '.join(law.memory)}"
-                lacking = "time" if law.branches else "what came before"
-                problem = f"{where}: its force depends on {lacking}, which tables lack"
+            if keys := [key for key in law.memory if key != "branches"]:
+                where = f"materials.{name} has {' and '.join(keys)}"
+                problem = f"{where}: its force depends on what came before, which tables lack"
                 raise ValueAt(("tables",), problem)
         for name in self.axes:
             if name not in config.device.variables:

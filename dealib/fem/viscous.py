@@ -17,7 +17,7 @@ from dealib.fem.problem import Problem
 from dealib.materials import evolution
 from dealib.materials.branches import Branch
 from dealib.results import local
-from dealib.results.elements import Array, Cell, determinant
+from dealib.results.elements import Array, Cell
 
 _INSTANT, _LONG = 1e-12, 1e12  # over a relaxation time: nothing relaxes, all does
 
@@ -47,7 +47,7 @@ class Viscosity:
                 continue
             rows = layout.rows(group)
             nodes = layout.nodes[rows]
-            volume = _volumes(problem, nodes, layout.cell, self._points, weights)
+            volume = local.volumes(problem.kinematics, layout.cell, nodes, self._points, weights)
             volume *= 1.0 if group.sheet is None else group.sheet.thickness
             volume[~np.isin(rows, layout.owned(rows))] = 0  # ghosts
             points = local.Points.of(
@@ -283,11 +283,3 @@ class Viscosity:
 
     def _total(self, mine: float) -> float:
         return float(self._mesh.comm.allreduce(mine, op=MPI.SUM))
-
-
-def _volumes(problem: Problem, nodes: Array, cell: Cell, points: Array, weights: Array) -> Array:
-    """Size of the device's mesh at the points of cells, (cells, points)."""
-    N, dN = cell.shape(points)
-    mesh = nodes[..., list(problem.kinematics.lies)]
-    size = np.abs(determinant(np.swapaxes(mesh, 1, 2)[:, None] @ dN))
-    return np.asarray(problem.kinematics.volumes(N @ nodes) * size * weights)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,21 +11,26 @@ import numpy.typing as npt
 
 from dealib.config.case import Case
 from dealib.config.program import Stage
+from dealib.config.schema import Config
 from dealib.device.device import Device
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, ValueAt
 from dealib.units import DIMENSIONS
 
 Grid = npt.NDArray[np.float64]
 
 
-def tables_case(case: Case) -> Case:
+def tables_case(case: Case, fmu: bool = False) -> Case:
     """The same device on a walk over all nodes, their ports prescribed.
 
     Row by row, the last variable up and down in turn, so that each state is solved from its
     neighbour.
 
+    Args:
+        case: The device.
+        fmu: Relax branches, and store the states: an FMU has branches of its own.
+
     Raises:
-        ConfigError: If the config has no `tables`.
+        ConfigError: If the config has no `tables`, or branches and is not for an FMU.
     """
     config = case.config
     if config.tables is None:
@@ -45,9 +50,29 @@ def tables_case(case: Case) -> Case:
         title = f"row {row}, {last.partition('.')[0]}s"
         program.append(_stage(title, config.device, ends, len(along) - 1))
         here = to | {last: along[-1]}
-    return replace(
-        case, config=config.model_copy(update={"program": tuple(program), "stop_when": ()})
-    )
+    update: dict[str, Any] = {"program": tuple(program), "stop_when": ()}
+    if fmu:
+        relaxed = {n: m.model_copy(update={"branches": ()}) for n, m in config.materials.items()}
+        update["materials"] = relaxed
+        update["output"] = config.output.model_copy(update={"fields": "every"})
+    with case.blamed():
+        _check_branches(config, grids, fmu)
+    return replace(case, config=config.model_copy(update=update))
+
+
+def _check_branches(config: Config, axes: Collection[str], fmu: bool) -> None:
+    """Raise `ValueAt` if there are branches that tables, or an FMU of them, cannot have."""
+    for name, law in config.solids.items():
+        if law.branches and not fmu:
+            problem = "its force depends on time, which tables lack; --fmu makes a model with it"
+            raise ValueAt(("tables",), f"materials.{name} has branches: {problem}")
+        stems = {axis.partition(".")[0] for axis in axes}
+        if law.branches and ("pressure" in stems or not stems & {"displacement", "rotation"}):
+            problem = (
+                "an FMU strains them by displacements or rotations; where the device gives way "
+            )
+            problem += "to pressures or voltages alone, they would creep"
+            raise ValueAt(("tables",), f"materials.{name} has branches: {problem}")
 
 
 def _rows(grids: Sequence[Grid]) -> Iterator[tuple[list[float], Grid]]:

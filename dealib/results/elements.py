@@ -131,6 +131,12 @@ class Cell:
         g = (1 + np.array([-1, 1]) / np.sqrt(3)) / 2
         return np.array(list(product(g, repeat=self.dim)))
 
+    @property
+    def gauss_weight(self) -> float:
+        """Share of the reference cell's size at each of them."""
+        size = {"triangle": 1 / 2, "tetrahedron": 1 / 6}.get(self.name, 1.0)
+        return size / len(self.gauss)
+
     @cached_property
     def from_gauss(self) -> Array:
         """Extrapolates values at the Gauss points to the nodes, (nodes, points)."""

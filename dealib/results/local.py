@@ -146,6 +146,16 @@ class Points:
         return nodal[..., last] @ self.N.T if nodal.shape[-1] > last else None
 
 
+def volumes(
+    kinematics: Kinematics, cell: Cell, nodes: Array, points: Array, weights: Array | float
+) -> Array:
+    """Size of the device's mesh at reference points of cells with given nodes, (cells, points)."""
+    N, dN = cell.shape(points)
+    mesh = nodes[..., list(kinematics.lies)]
+    size = np.abs(determinant(np.swapaxes(mesh, 1, 2)[:, None] @ dN))
+    return np.asarray(kinematics.volumes(N @ nodes) * size * weights)
+
+
 def thickness_stretches(
     material: RegionMaterial, F: Array, E: Array, internal: Array | None
 ) -> Array:

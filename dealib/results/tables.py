@@ -9,7 +9,7 @@ error of the duals falls with the third power of the spacing.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -41,12 +41,17 @@ class Tables:
         axes: Values of each variable by its column, ascending.
         values: By column, arrays over the grid: the dual of each variable, capacitances, and the
             potential, elastic less electric energy.
+        rows: Of the history that the nodes were collected from, (*grid).
 
     Args:
         columns: All of them.
+        rows: See above.
     """
 
-    def __init__(self, columns: Mapping[str, Array]) -> None:
+    def __init__(
+        self, columns: Mapping[str, Array], rows: npt.NDArray[np.int64] | None = None
+    ) -> None:
+        self.rows = rows
         self.axes = {n: np.ravel(v) for n, v in columns.items() if _stem(n) in _KINDS}
         self.values = {n: v for n, v in columns.items() if n not in self.axes}
         shape = tuple(map(len, self.axes.values()))
@@ -139,23 +144,13 @@ class Tables:
 
     @cached_property
     def _nodal(self) -> dict[tuple[bool, ...], Array]:
-        """Derivatives of Pi at the nodes: once by each axis that is True."""
-        names, grids = list(self.axes), list(self.axes.values())
-        found = {}
-        for of in product((False, True), repeat=len(names)):
-            if not any(of):
-                found[of] = self.values[POTENTIAL]
-            elif sum(of) == 1:
-                axis = names[of.index(True)]
-                found[of] = self.values[_dual(axis)] / _factor(axis)
-            else:  # the mean of the ways to it, by splines
-                ways = [
-                    _spline_slope(grids[k], found[(*of[:k], False, *of[k + 1 :])], k)
-                    for k, differentiated in enumerate(of)
-                    if differentiated
-                ]
-                found[of] = np.mean(ways, axis=0)
-        return found
+        slopes = [self.values[_dual(axis)] / _factor(axis) for axis in self.axes]
+        return nodal(list(self.axes.values()), self.values[POTENTIAL], slopes)
+
+    @property
+    def derivatives(self) -> Array:
+        """Derivatives of Pi at the nodes in the axes' units, (*grid, 2^axes), see `nodal`."""
+        return np.stack(list(self._nodal.values()), axis=-1)
 
     def _derivative(self, at: tuple[Any, ...], *by: str) -> Array:
         if len(at) != len(self.axes):
@@ -224,7 +219,34 @@ def _factor(axis: str) -> float:
     return kind.sign * kind.primal.factor * kind.dual.factor
 
 
-def _spline_slope(grid: Array, values: Array, axis: int) -> Array:
+def nodal(
+    grids: Sequence[Array], values: Array, slopes: Sequence[Array] = ()
+) -> dict[tuple[bool, ...], Array]:
+    """Derivatives of a function at the nodes of a grid, once by each axis that is True.
+
+    Args:
+        grids: Its axes.
+        values: Of the function, (*grid, ...).
+        slopes: Its first derivatives where they are known; by splines else, as the mixed ones.
+    """
+    found = {}
+    for of in product((False, True), repeat=len(grids)):
+        if not any(of):
+            found[of] = values
+        elif sum(of) == 1 and slopes:
+            found[of] = slopes[of.index(True)]
+        else:  # the mean of the ways to it
+            ways = [
+                spline_slope(grids[k], found[(*of[:k], False, *of[k + 1 :])], k)
+                for k, differentiated in enumerate(of)
+                if differentiated
+            ]
+            found[of] = np.mean(ways, axis=0)
+    return found
+
+
+def spline_slope(grid: Array, values: Array, axis: int) -> Array:
+    """Derivatives at the nodes of a grid along one of its axes, by cubic splines."""
     from scipy.interpolate import CubicSpline
 
     return np.asarray(CubicSpline(grid, values, axis=axis)(grid, 1))
@@ -266,20 +288,23 @@ def collect(run: Run) -> Tables:
     axes = {device.column(n): np.sort(_in_column(device, n, g)) for n, g in wanted.grids.items()}
     names = [*map(_dual, axes), *(c for c in map(str, h) if _stem(c) == "capacitance_pF")]
     potential = h["elastic_energy_mJ"] - h["electric_energy_mJ"]
-    values = np.column_stack([*(h[c] for c in names), potential])
-    sizes = np.array([np.ptp(grid) for grid in axes.values()])
-    at, shape = h[list(axes)].to_numpy(), tuple(map(len, axes.values()))
-    found = np.full((*shape, len(names) + 1), np.nan)
-    for index in np.ndindex(*shape):
-        node = np.array([grid[i] for grid, i in zip(axes.values(), index, strict=True)])
+    rows = _rows(h[list(axes)].to_numpy(), list(axes.values()))
+    if missing := int((rows < 0).sum()):
+        raise ConfigError(f"{run.directory}: {missing} of {rows.size} nodes are not solved")
+    columns = {name: h[name].to_numpy()[rows] for name in names}
+    return Tables({**axes, **columns, POTENTIAL: potential.to_numpy()[rows]}, rows)
+
+
+def _rows(at: Array, grids: Sequence[Array]) -> npt.NDArray[np.int64]:
+    """Row of each node of a grid among states (rows, axes), or -1."""
+    sizes = np.array([np.ptp(grid) for grid in grids])
+    found = np.full(tuple(map(len, grids)), -1)
+    for index in np.ndindex(*found.shape):
+        node = np.array([grid[i] for grid, i in zip(grids, index, strict=True)])
         off = np.linalg.norm((at - node) / sizes, axis=1)
         if off.min() < 1e-9:
-            found[index] = values[int(off.argmin())]
-    if np.isnan(found).any():
-        missing = int(np.isnan(found[..., -1]).sum())
-        raise ConfigError(f"{run.directory}: {missing} of {np.prod(shape)} nodes are not solved")
-    columns = zip([*names, POTENTIAL], np.moveaxis(found, -1, 0), strict=True)
-    return Tables({**axes, **dict(columns)})
+            found[index] = off.argmin()
+    return found
 
 
 def _in_column(device: Any, variable: str, grid: Array) -> Array:

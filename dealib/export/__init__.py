@@ -1,0 +1,1 @@
+"""Models of a device for other programs."""

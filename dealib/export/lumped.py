@@ -1,0 +1,163 @@
+"""What a small model of a device needs beside its tables: its branches, and what moves.
+
+Branches are kept at a few points with weights, such that the forces of unit branches between any
+two states of the grid are those of the whole device: an empirical cubature (J. A. Hernandez, M. A.
+Caicedo, A. Ferrer, Comput. Methods Appl. Mech. Engrg. 313 (2017) 687). The strains there are those
+of the relaxed device at the same values of its ports.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from dealib.config.schema import Config
+from dealib.errors import ConfigError
+from dealib.materials import evolution
+from dealib.materials.branches import Branch
+from dealib.results import local
+from dealib.results.elements import Array
+from dealib.results.mesh import Ints, ResultMesh
+from dealib.results.reader import Run
+from dealib.results.tables import Tables, spline_slope
+
+_CELLS, _PAIRS = 400, 300  # cells of a region, and pairs of states, that are looked at
+_POINTS, _MISSING = 12, 1e-3  # at most so many of a material; error, of the range of a force
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point at which branches are kept.
+
+    Attributes:
+        branches: Of its material.
+        volume: Unstretched volume that it stands for, mm^3.
+        metric: Isochoric metric C at the nodes of the grid, packed, (*grid, 4 or 6).
+    """
+
+    branches: tuple[Branch, ...]
+    volume: float
+    metric: Array
+
+
+@dataclass(frozen=True)
+class _Part:
+    """Gauss points of some cells of a region, which stand for all of it.
+
+    Attributes:
+        material: Its name.
+        points: The points.
+        nodes: Nodes of the cells.
+        volume: Unstretched volumes, (cells, points), mm^3.
+    """
+
+    material: str
+    points: local.Points
+    nodes: Ints
+    volume: Array
+
+
+def lumped(run: Run, tables: Tables, config: Config) -> tuple[list[Point], list[float]]:
+    """Points at which branches are kept, and the mass of the body that follows each axis.
+
+    Args:
+        run: The walk of the relaxed device over the grid.
+        tables: Its tables, with the rows of their nodes.
+        config: The device with its branches.
+
+    Returns:
+        The points, and masses in kg for displacements and kg mm^2 / deg^2 for rotations.
+
+    Raises:
+        ConfigError: If the states of the run are not stored.
+    """
+    masses = [0.0 for _ in tables.axes]
+    solids = config.solids.values()
+    if not any(law.branches or law.density for law in solids):
+        return [], masses
+    assert tables.rows is not None
+    steps, stored = run.history["step"].to_numpy()[tables.rows], run.stored_steps
+    if not np.isin(steps, stored).all():
+        raise ConfigError(f"{run.directory}: its states are not stored; --overwrite solves them")
+    parts = list(_parts(run.config, run.mesh))
+    metrics: list[list[Array]] = [[] for _ in parts]
+    moved: list[list[Array]] = [[] for _ in parts]
+    for step in steps.ravel():
+        state = run.state(stored.index(step))
+        for part, C, u in zip(parts, metrics, moved, strict=True):
+            F = part.points.deformation(state[part.nodes]).F
+            packed = evolution.isochoric(F, part.points.kinematics.packed)
+            C.append(packed.reshape(-1, packed.shape[-1]))
+            u.append(part.points.N @ state[part.nodes][..., : part.points.kinematics.dim])
+    grids = list(tables.axes.values())
+    for part, u in zip(parts, moved, strict=True):
+        density = config.materials[part.material].density or 0.0
+        field = np.reshape(u, (*steps.shape, *u[0].shape))
+        for k, grid in enumerate(grids):
+            square = (np.gradient(field, grid, axis=k) ** 2).sum(axis=-1)
+            mean = square.mean(axis=tuple(range(steps.ndim)))
+            masses[k] += 1e3 * density * float((mean * part.volume).sum())
+    points = []
+    for name, law in config.solids.items():
+        mine = [k for k, part in enumerate(parts) if part.material == name and law.branches]
+        if mine:
+            of = np.concatenate([np.array(metrics[k]) for k in mine], axis=1)
+            volume = np.concatenate([parts[k].volume.ravel() for k in mine])
+            of = of.reshape(*steps.shape, *of.shape[1:])
+            modulus = sum(branch.shear_modulus for branch in law.branches)
+            chosen = _cubature(tables, of, modulus * volume)
+            points += [Point(law.branches, v / modulus, of[..., p, :]) for p, v in chosen.items()]
+    return points, masses
+
+
+def _parts(config: Config, mesh: ResultMesh) -> Iterator[_Part]:
+    device = config.device
+    for region in device.solids:
+        cells = mesh.in_region(region.name)
+        material, k, gauss = (
+            local.region_materials(config)[region.name],
+            device.kinematics,
+            mesh.cell,
+        )
+        some = cells[:: -(-len(cells) // _CELLS)]
+        nodes = mesh.points[mesh.cells]
+        size = local.volumes(k, gauss, nodes[cells], gauss.gauss, gauss.gauss_weight)
+        part = local.volumes(k, gauss, nodes[some], gauss.gauss, gauss.gauss_weight)
+        scale = size.sum() / part.sum() * (material.thickness if k.sheet else 1.0)
+        if material.prestretch is not None:
+            scale /= material.prestretch.prod()
+        points = local.Points.of(k, material, gauss, nodes[some], gauss.gauss)
+        yield _Part(region.material or "", points, mesh.cells[some], scale * part)
+
+
+def _cubature(tables: Tables, C: Array, stiff: Array) -> dict[int, float]:
+    """Points and their weights: the most telling ones, until they exert the forces of all.
+
+    Args:
+        tables: The tables, whose ranges of forces and charges count.
+        C: Metrics, (*grid, points, size).
+        stiff: Modulus times volume of the points, mJ.
+    """
+    from scipy.optimize import nnls
+
+    shape, n = C.shape[-2:], len(tables.axes)
+    inner = evolution.inverted(C).reshape(-1, *shape)
+    here, there = np.random.default_rng(0).integers(0, len(inner), (2, _PAIRS))
+    rows = []
+    for k, grid in enumerate(tables.axes.values()):
+        slope = spline_slope(grid, C, k).reshape(-1, *shape)[here]
+        # relaxed branches exert none
+        force = evolution.contract(slope, inner[there]) - evolution.contract(slope, inner[here])
+        rows.append(force / 2 / np.ptp(tables.derivatives[..., 2 ** (n - 1 - k)]))
+    forces = np.concatenate(rows)
+    whole, length = forces @ stiff, np.linalg.norm(forces, axis=0)
+    length[length == 0] = np.inf
+    chosen: list[int] = []
+    weights, left = np.zeros(0), whole
+    while len(chosen) < _POINTS and np.abs(left).max() > _MISSING:
+        chosen.append(int((left @ forces / length).argmax()))
+        weights, _ = nnls(forces[:, chosen], whole)
+        left = whole - forces[:, chosen] @ weights
+    return {p: float(w) for p, w in zip(chosen, weights, strict=True) if w > 0}
