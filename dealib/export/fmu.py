@@ -24,7 +24,7 @@ from dealib.config.schema import Config
 from dealib.device.records import Port
 from dealib.errors import PlatformError
 from dealib.export.lumped import Point, lumped
-from dealib.files import whole
+from dealib.files import whole, write_text
 from dealib.results.elements import Array
 from dealib.results.reader import Run
 from dealib.results.tables import Tables, nodal
@@ -141,7 +141,7 @@ def write_fmu(path: Path, run: Run, tables: Tables, config: Config) -> str:
     command = [*compiler(), *flags, _SOURCE.name, "-o", f"{model}.so", "-lm"]
     with tempfile.TemporaryDirectory() as folder, whole(path) as temporary:
         for name, text in files.items():
-            (Path(folder) / name).write_text(text)
+            write_text(Path(folder) / name, text)
         done = subprocess.run(command, capture_output=True, text=True, cwd=folder)
         if done.returncode:
             raise PlatformError(f"{shlex.join(command)} failed:\n{done.stderr.strip()}")

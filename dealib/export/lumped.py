@@ -50,13 +50,20 @@ class _Part:
         material: Its name.
         points: The points.
         nodes: Nodes of the cells.
-        volume: Unstretched volumes, (cells, points), mm^3.
+        volume: Unstretched volumes, (points,), mm^3.
     """
 
     material: str
     points: local.Points
     nodes: Ints
     volume: Array
+
+    def see(self, state: Array) -> tuple[Array, Array]:
+        """Isochoric metrics (points, size) and displacements (points, axes) in a state."""
+        nodal, k = state[self.nodes], self.points.kinematics
+        C = evolution.isochoric(self.points.deformation(nodal).F, k.packed)
+        u = self.points.N @ nodal[..., : k.dim]
+        return C.reshape(-1, k.packed), u.reshape(-1, k.dim)
 
 
 def lumped(run: Run, tables: Tables, config: Config) -> tuple[list[Point], list[float]]:
@@ -73,63 +80,50 @@ def lumped(run: Run, tables: Tables, config: Config) -> tuple[list[Point], list[
     Raises:
         ConfigError: If the states of the run are not stored.
     """
-    masses = [0.0 for _ in tables.axes]
-    solids = config.solids.values()
-    if not any(law.branches or law.density for law in solids):
-        return [], masses
+    masses, points, grids = [0.0] * len(tables.axes), list[Point](), list(tables.axes.values())
+    if not any(law.branches or law.density for law in config.solids.values()):
+        return points, masses
     assert tables.rows is not None
-    steps, stored = run.history["step"].to_numpy()[tables.rows], run.stored_steps
-    if not np.isin(steps, stored).all():
+    steps = run.history["step"].to_numpy()[tables.rows]
+    if not np.isin(steps, run.stored_steps).all():
         raise ConfigError(f"{run.directory}: its states are not stored; --overwrite solves them")
     parts = list(_parts(run.config, run.mesh))
-    metrics: list[list[Array]] = [[] for _ in parts]
-    moved: list[list[Array]] = [[] for _ in parts]
-    for step in steps.ravel():
-        state = run.state(stored.index(step))
-        for part, C, u in zip(parts, metrics, moved, strict=True):
-            F = part.points.deformation(state[part.nodes]).F
-            packed = evolution.isochoric(F, part.points.kinematics.packed)
-            C.append(packed.reshape(-1, packed.shape[-1]))
-            u.append(part.points.N @ state[part.nodes][..., : part.points.kinematics.dim])
-    grids = list(tables.axes.values())
-    for part, u in zip(parts, moved, strict=True):
+    seen = [[part.see(state) for part in parts] for state in run.states(steps.ravel())]
+    metrics: dict[str, list[Array]] = {}
+    for k, part in enumerate(parts):
+        C, u = (
+            np.reshape([x[k][i] for x in seen], (*steps.shape, len(part.volume), -1))
+            for i in (0, 1)
+        )
+        metrics.setdefault(part.material, []).append(C)
         density = config.materials[part.material].density or 0.0
-        field = np.reshape(u, (*steps.shape, *u[0].shape))
-        for k, grid in enumerate(grids):
-            square = (np.gradient(field, grid, axis=k) ** 2).sum(axis=-1)
-            mean = square.mean(axis=tuple(range(steps.ndim)))
-            masses[k] += 1e3 * density * float((mean * part.volume).sum())
-    points = []
+        for axis, grid in enumerate(grids):
+            square = (np.gradient(u, grid, axis=axis) ** 2).sum(axis=-1) @ part.volume
+            masses[axis] += 1e3 * density * float(square.mean())  # t: kg
     for name, law in config.solids.items():
-        mine = [k for k, part in enumerate(parts) if part.material == name and law.branches]
-        if mine:
-            of = np.concatenate([np.array(metrics[k]) for k in mine], axis=1)
-            volume = np.concatenate([parts[k].volume.ravel() for k in mine])
-            of = of.reshape(*steps.shape, *of.shape[1:])
+        if law.branches:
+            C = np.concatenate(metrics[name], axis=-2)
+            volume = np.concatenate([part.volume for part in parts if part.material == name])
             modulus = sum(branch.shear_modulus for branch in law.branches)
-            chosen = _cubature(tables, of, modulus * volume)
-            points += [Point(law.branches, v / modulus, of[..., p, :]) for p, v in chosen.items()]
+            chosen = _cubature(tables, C, modulus * volume)
+            points += [Point(law.branches, w / modulus, C[..., p, :]) for p, w in chosen.items()]
     return points, masses
 
 
 def _parts(config: Config, mesh: ResultMesh) -> Iterator[_Part]:
-    device = config.device
-    for region in device.solids:
-        cells = mesh.in_region(region.name)
-        material, k, gauss = (
-            local.region_materials(config)[region.name],
-            device.kinematics,
-            mesh.cell,
-        )
-        some = cells[:: -(-len(cells) // _CELLS)]
-        nodes = mesh.points[mesh.cells]
-        size = local.volumes(k, gauss, nodes[cells], gauss.gauss, gauss.gauss_weight)
-        part = local.volumes(k, gauss, nodes[some], gauss.gauss, gauss.gauss_weight)
-        scale = size.sum() / part.sum() * (material.thickness if k.sheet else 1.0)
+    k, cell = config.device.kinematics, mesh.cell
+    materials = local.region_materials(config)
+    for region in config.device.solids:
+        cells, material = mesh.in_region(region.name), materials[region.name]
+        every = max(1, -(-len(cells) // _CELLS))
+        nodes, some = mesh.points[mesh.cells[cells]], slice(None, None, every)
+        volume = local.volumes(k, cell, nodes, cell.gauss, cell.gauss_weight)
+        scale = volume.sum() / volume[some].sum() * (material.thickness if k.sheet else 1.0)
         if material.prestretch is not None:
             scale /= material.prestretch.prod()
-        points = local.Points.of(k, material, gauss, nodes[some], gauss.gauss)
-        yield _Part(region.material or "", points, mesh.cells[some], scale * part)
+        points = local.Points.of(k, material, cell, nodes[some], cell.gauss)
+        name, mine = region.material or "", mesh.cells[cells][some]
+        yield _Part(name, points, mine, scale * volume[some].ravel())
 
 
 def _cubature(tables: Tables, C: Array, stiff: Array) -> dict[int, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
@@ -264,6 +264,12 @@ class Run:
         found = self._stored("states", index)
         assert found is not None
         return found
+
+    def states(self, steps: Iterable[int]) -> Iterator[Array]:
+        """Nodal values of stored steps, by their numbers."""
+        with self._file() as file:
+            for step in steps:
+                yield np.asarray(file[f"states/{step:05d}"][:], dtype=np.float64)
 
     def internal(self, index: int = -1) -> Array | None:
         """C_i of Maxwell branches at the index-th stored step (see `fields`); None without."""
