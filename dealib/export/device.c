@@ -35,7 +35,7 @@ enum { INPUT, LOAD, DUAL, AT, SPEED, MASS, DAMPING, START, SLOTS };
 typedef struct {
   double v[AXES + 1][SLOTS], rate[AXES + 1][SLOTS]; /* values, and rates of inputs in a step */
   double x[AXES], speed[AXES], stiff[AXES]; /* of axes driven by their force; largest stiffness */
-  double inner[NETWORKS + 1][6];                    /* C_i, of networks A */
+  double inner[NETWORKS + 1][6];            /* C_i, of networks A */
   int driven[AXES], told[AXES], begun, stale;
 } State;
 
@@ -56,7 +56,7 @@ static Status tell(Device *d, Status status, const char *port, const char *what)
 /* --- tables ----------------------------------------------------------------------------------- */
 
 typedef struct {
-  double energy, slope[AXES];                           /* without branches */
+  double energy, slope[AXES];                       /* without branches */
   double C[POINTS + 1][6], dC[POINTS + 1][AXES][6]; /* isochoric metric and its derivatives */
 } Here;
 
@@ -78,16 +78,13 @@ static int basis(int a, double x, double w[4], double d[4]) {
   return k;
 }
 
-static double det(const double *t) {
-  return t[0] * (t[1] * t[2] - t[5] * t[5]) + t[3] * (2 * t[4] * t[5] - t[2] * t[3]) -
-         t[1] * t[4] * t[4];
-}
-
-static void inverse(const double *t, double *out) {
+/* Inverse of a symmetric tensor (11, 22, 33, 12, 13, 23); returns the determinant. */
+static double inverse(const double *t, double *out) {
   double of[6] = {t[1] * t[2] - t[5] * t[5], t[0] * t[2] - t[4] * t[4], t[0] * t[1] - t[3] * t[3],
                   t[4] * t[5] - t[3] * t[2], t[3] * t[5] - t[4] * t[1], t[3] * t[4] - t[0] * t[5]};
-  double D = det(t);
-  for (int i = 0; i < 6; i++) out[i] = of[i] / D;
+  double det = t[0] * of[0] + t[3] * of[3] + t[4] * of[4];
+  for (int i = 0; i < 6; i++) out[i] = of[i] / det;
+  return det;
 }
 
 static double contract(const double *a, const double *b) {
@@ -121,8 +118,7 @@ static void look(const double *x, Here *here) {
   for (int n = 0; n < POINTS; n++) {
     double A[6], C[6] = {0}; /* in a plane four components are other than zero */
     memcpy(C, p + 1 + METRIC * n, METRIC * sizeof *C);
-    double q = 1 / cbrt(det(C));
-    inverse(C, A);
+    double q = 1 / cbrt(inverse(C, A));
     for (int i = 0; i < 6; i++) here->C[n][i] = q * C[i];
     for (int a = 0; a < AXES; a++) {
       double dC[6] = {0};
@@ -156,7 +152,7 @@ static void relax(State *s, const Here *from, const Here *to, double h) {
     double before = z < 1e-4 ? z / 2 - z * z / 3 : mean - decay;
     double after = z < 1e-4 ? z / 2 - z * z / 6 : 1 - mean;
     for (int i = 0; i < 6; i++) inner[i] = decay * inner[i] + (before * B0[i] + after * B1[i]) / rate;
-    double q = LINEAR[k] ? 1 : 1 / cbrt(det(inner));
+    double q = LINEAR[k] ? 1 : 1 / cbrt(inverse(inner, A));
     for (int i = 0; i < 6; i++) inner[i] *= q;
   }
 }
@@ -166,11 +162,9 @@ static double slopes(const State *s, const Here *here, double *f) {
   double energy = here->energy;
   memcpy(f, here->slope, AXES * sizeof *f);
   for (int k = 0; k < NETWORKS; k++) {
-    double A[6];
-    if (LINEAR[k]) memcpy(A, s->inner[k], sizeof A);
-    else inverse(s->inner[k], A);
-    double log_det = LINEAR[k] ? log(det(A)) : 0;
-    energy += MODULUS[k] / 2 * (contract(here->C[POINT[k]], A) - 3 - log_det);
+    double inverted[6], det = inverse(s->inner[k], inverted);
+    const double *A = LINEAR[k] ? s->inner[k] : inverted;
+    energy += MODULUS[k] / 2 * (contract(here->C[POINT[k]], A) - 3 - (LINEAR[k] ? log(det) : 0));
     for (int a = 0; a < AXES; a++) f[a] += MODULUS[k] / 2 * contract(here->dC[POINT[k]][a], A);
   }
   return energy;
@@ -301,50 +295,33 @@ FMI Status fmi2ExitInitializationMode(void *c) {
   return status;
 }
 
-FMI Status fmi2GetReal(void *c, References r, size_t n, double *out) {
-  Device *d = c;
-  if (d->s.stale) answer(&d->s);
-  for (size_t i = 0; i < n; i++) {
-    if (r[i] > AXES * SLOTS) return tell(d, ERROR, "", "there is no such variable");
-    out[i] = d->s.v[r[i] / SLOTS][r[i] % SLOTS];
-  }
+#define STATE ((Device *)c)->s
+#define EACH(known, action) \
+  for (size_t i = 0; i < n; i++) { \
+    if (!(known)) return tell(c, ERROR, "", "there is no such variable, or not for this"); \
+    action; \
+  } \
   return OK;
+FMI Status fmi2GetReal(void *c, References r, size_t n, double *out) {
+  if (STATE.stale) answer(&STATE);
+  EACH(r[i] <= AXES * SLOTS, out[i] = STATE.v[r[i] / SLOTS][r[i] % SLOTS])
 }
 FMI Status fmi2SetReal(void *c, References r, size_t n, const double *in) {
-  Device *d = c;
-  d->s.stale = 1;
-  for (size_t i = 0; i < n; i++) {
-    unsigned slot = r[i] % SLOTS;
-    if (r[i] >= AXES * SLOTS || (slot >= DUAL && slot <= SPEED))
-      return tell(d, ERROR, "", "there is no such input or parameter");
-    d->s.v[r[i] / SLOTS][slot] = in[i];
-  }
-  return OK;
+  STATE.stale = 1;
+  EACH(r[i] < AXES * SLOTS && (r[i] % SLOTS < DUAL || r[i] % SLOTS > SPEED),
+       STATE.v[r[i] / SLOTS][r[i] % SLOTS] = in[i])
 }
 FMI Status fmi2SetRealInputDerivatives(void *c, References r, size_t n, const int *order,
                                        const double *in) {
-  for (size_t i = 0; i < n; i++) {
-    if (r[i] >= AXES * SLOTS || r[i] % SLOTS > LOAD || order[i] != 1)
-      return tell(c, ERROR, "", "only first derivatives of inputs are taken");
-    ((Device *)c)->s.rate[r[i] / SLOTS][r[i] % SLOTS] = in[i];
-  }
-  return OK;
+  EACH(r[i] < AXES * SLOTS && r[i] % SLOTS <= LOAD && order[i] == 1,
+       STATE.rate[r[i] / SLOTS][r[i] % SLOTS] = in[i])
 }
 FMI Status fmi2GetBoolean(void *c, References r, size_t n, int *out) {
-  for (size_t i = 0; i < n; i++) {
-    if (r[i] >= AXES) return tell(c, ERROR, "", "there is no such variable");
-    out[i] = ((Device *)c)->s.driven[r[i]];
-  }
-  return OK;
+  EACH(r[i] < AXES, out[i] = STATE.driven[r[i]])
 }
 FMI Status fmi2SetBoolean(void *c, References r, size_t n, const int *in) {
-  Device *d = c;
-  d->s.stale = 1;
-  for (size_t i = 0; i < n; i++) {
-    if (r[i] >= AXES || !MECHANICAL[r[i]]) return tell(d, ERROR, "", "there is no such parameter");
-    d->s.driven[r[i]] = in[i] != 0;
-  }
-  return OK;
+  STATE.stale = 1;
+  EACH(r[i] < AXES && MECHANICAL[r[i]], STATE.driven[r[i]] = in[i] != 0)
 }
 
 FMI Status fmi2DoStep(void *c, double t, double h, int final) {
@@ -365,10 +342,10 @@ FMI Status fmi2DeSerializeFMUstate(void *c, const char *in, size_t n, void **sta
   return memcpy(*state, in, n), OK;
 }
 FMI Status fmi2GetFMUstate(void *c, void **state) {
-  return fmi2DeSerializeFMUstate(c, (const char *)&((Device *)c)->s, sizeof(State), state);
+  return fmi2DeSerializeFMUstate(c, (const char *)&STATE, sizeof(State), state);
 }
 FMI Status fmi2SetFMUstate(void *c, void *state) {
-  return memcpy(&((Device *)c)->s, state, sizeof(State)), OK;
+  return memcpy(&STATE, state, sizeof(State)), OK;
 }
 FMI Status fmi2FreeFMUstate(void *c, void **state) { return free(*state), *state = NULL, OK; }
 FMI Status fmi2SerializedFMUstateSize(void *c, void *state, size_t *n) {
