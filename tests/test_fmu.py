@@ -36,6 +36,7 @@ SETS = GRID | HEAVY | {
     "evolution: network}]",
 }  # fmt: skip
 ELASTIC = {"materials.film.branches": "[]", "materials.electrode.branches": "[]"}
+REST = [{"stage": "prestrain"}]
 OUTPUTS = ["plate.force", "terminal.charge", "plate.displacement", "plate.displacement_rate"]
 
 
@@ -400,6 +401,24 @@ def test_other_ports_and_three_of_them(tmp_path, name, sets, axes):
             assert one.get(variable)[0] == pytest.approx(exact * unit, rel=1e-12)
         s = 1 + sum(w * x for w, x in zip(weight, at, strict=True))
         assert one.get("energy")[0] == pytest.approx(1e-3 * s**3, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", ["left-top", 'a "b"}; x', "50 %s%n", "ü\\u", "<&>"])
+def test_names_are_nothing_but_names(tmp_path, name):
+    """In C, XML and the log."""
+    mounts = {name: {"on": "inner", "along": "Z"}}
+    given = dealib.load(CONFIGS / "tables.yaml", set={"mounts": mounts, "program": REST})
+    x, y = np.linspace(-2.5, -0.5, 3), np.linspace(0, 2.5, 3)
+    U, V = np.meshgrid(x, y, indexing="ij")
+    duals = {"potential_mJ": U**2 - V**2, "force_N": 2 * U, "charge_uC": 2 * V}
+    tables = Tables({"displacement_mm": x, "voltage_kV": y, **duals})
+    write_fmu(tmp_path / "d.fmu", None, tables, given.config)
+    assert validate_fmu(str(tmp_path / "d.fmu")) == []
+    with slave(tmp_path / "d.fmu", **{f"{name}.displacement_in": -3e-3}) as one:
+        assert one.get(f"{name}.force") == pytest.approx(-6.0)
+        one.fmu.exitInitializationMode()
+        told = f"{name} is beyond the tables: the answers are extrapolated".replace("%", "_")
+        assert one.told == [(1, told)]
 
 
 def test_wrong_use_is_told(made, tmp_path):

@@ -47,8 +47,9 @@ typedef struct {
 
 static Status tell(Device *d, Status status, const char *port, const char *what) {
   const char *category = status == WARNING ? "logStatusWarning" : "logStatusError";
-  char text[512]; /* not all importers fill in a format */
+  char text[512]; /* not all importers fill in a format, and others take a % for one */
   snprintf(text, sizeof text, "%s%s", port, what);
+  for (char *p = text; (p = strchr(p, '%')); *p = '_') continue;
   if (d->call.log) d->call.log(d->call.environment, d->name, status, category, text);
   return status;
 }

@@ -185,7 +185,7 @@ def _header(axes: list[_Axis], tables: Tables, points: list[Point]) -> str:
     sizes = {"AXES": n, "POINTS": len(points), "NETWORKS": len(branches)}
     sizes |= {"METRIC": points[0].metric.shape[-1] if points else 0, "TABLES": table.shape[-1]}
     arrays: dict[str, Any] = {
-        "const char *const NAME[]": "{" + ", ".join(f'"{a.port.name}"' for a in axes) + "}",
+        "const char *const NAME[]": "{" + ", ".join(_quoted(a.port.name) for a in axes) + "}",
         "const int MECHANICAL[]": [int(a.moves) for a in axes],
         "const int COUNT[]": [len(a.grid) for a in axes],
         "const double SIGN[]": [a.port.kind.sign for a in axes],
@@ -204,6 +204,11 @@ def _header(axes: list[_Axis], tables: Tables, points: list[Point]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _quoted(text: str) -> str:
+    """A string of C: whatever the name, nothing but bytes."""
+    return '"' + "".join(f"\\{byte:03o}" for byte in text.encode()) + '"'
+
+
 def _braced(values: Any) -> str:
     text = values if isinstance(values, str) else str(np.asarray(values).tolist())
     return text.replace("[", "{").replace("]", "}").replace("}, {", "},\n{")
@@ -213,11 +218,23 @@ def _description(model: str, guid: str, axes: list[_Axis], config: Config) -> by
     """modelDescription.xml."""
 
     def add(parent: Any, tag: str, **values: object) -> Any:
-        return ET.SubElement(parent, tag, {k: str(v) for k, v in values.items()})
+        given = {k: re.sub(r"[^ -\ud7ff\ue000-\U0010ffff]", " ", str(v)) for k, v in values.items()}
+        node = ET.Element(tag, given)  # XML has no control characters
+        parent.append(node)
+        return node
 
-    root = ET.Element("fmiModelDescription", fmiVersion="2.0", modelName=config.name, guid=guid)
-    root.attrib |= {"description": config.description, "variableNamingConvention": "structured"}
-    root.attrib["generationTool"] = f"dealib {installed().get('dealib', '')}"
+    names = [axis.port.name for axis in axes]
+    plain = all(re.fullmatch(r"[^\W\d]\w*(\.[^\W\d]\w*)*", n, re.ASCII) for n in names)
+    root = add(
+        [],
+        "fmiModelDescription",
+        fmiVersion="2.0",
+        modelName=config.name,
+        guid=guid,
+        description=config.description,
+        generationTool=f"dealib {installed().get('dealib', '')}",
+        variableNamingConvention="structured" if plain else "flat",
+    )
     can = ("HandleVariableCommunicationStepSize", "InterpolateInputs", "GetAndSetFMUstate")
     able = {f"can{what}": "true" for what in (*can, "SerializeFMUstate")}
     sources = add(add(root, "CoSimulation", modelIdentifier=model, **able), "SourceFiles")
