@@ -324,6 +324,14 @@ def test_a_force_needs_a_mass(made):
         assert one.told == [(3, "plate is driven by its force, which needs a mass above zero")]
 
 
+def test_a_speck_of_dust_takes_no_ages(made):
+    with slave(made[1], plate__force_driven=True, plate__mass=1e-15) as one:
+        one.fmu.exitInitializationMode()
+        with pytest.raises(Exception, match="fmi2DoStep failed with status 3"):
+            one.step(1.0)
+        assert one.told == [(3, "a mass is too small for its stiffness and this step")]
+
+
 def test_state_is_kept_and_given_back(made):
     """Also as bytes: the branches go with it."""
     with slave(made[0]) as one:

@@ -226,7 +226,7 @@ static void advance(State *s, double h) {
 
 /* Number of steps in h: of the branches, of inputs over the tables, of the vibration. Steps that
    change with the state would let its energy drift. */
-static int steps(State *s, double h) {
+static double steps(State *s, double h) {
   double n = 1, x[AXES], f[2][AXES], centre[AXES];
   for (int k = 0; k < NETWORKS; k++) n = fmax(n, fmin(4 * h / TIME[k], 100));
   where(s, centre);
@@ -244,9 +244,9 @@ static int steps(State *s, double h) {
       slopes(s, &here, f[side]);
     }
     s->stiff[a] = fmax(s->stiff[a], fabs(f[1][a] - f[0][a]) / (2 * small));
-    n = fmax(n, fmin(30 * h * sqrt(s->stiff[a] / s->v[a][MASS]), 1e8));
+    n = fmax(n, 30 * h * sqrt(s->stiff[a] / s->v[a][MASS]));
   }
-  return isfinite(n) ? (int)ceil(n) : 1;
+  return ceil(n);
 }
 
 /* Whether all is well: parameters, ranges (told once), and numbers. */
@@ -329,7 +329,8 @@ FMI Status fmi2DoStep(void *c, double t, double h, int final) {
   Device *d = c;
   Status status = h >= 0 ? check(d) : tell(d, ERROR, "", "a step goes forward");
   if (status >= DISCARD) return status;
-  int n = steps(&d->s, h);
+  double n = steps(&d->s, h);
+  if (!(n <= 1e6)) return tell(d, ERROR, "", "a mass is too small for its stiffness and this step");
   for (int i = 0; i < n; i++) advance(&d->s, h / n);
   Status end = check(d);
   memset(d->s.rate, 0, sizeof d->s.rate); /* given anew with each step */
