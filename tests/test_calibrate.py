@@ -10,11 +10,16 @@ import pytest
 from synthetic import FITS, RELAXING, TRUE, texts
 
 from dealib.__main__ import main
+from dealib.calibration import fit as fitting
 from dealib.calibration import report
+from dealib.calibration import search as searching
+from dealib.calibration.cases import Cases
 from dealib.calibration.fit import run_search
 from dealib.calibration.schema import Plan
+from dealib.cases.cache import Cache
+from dealib.cases.workers import Pool
 from dealib.config import load
-from dealib.errors import ConfigError, NotConverged
+from dealib.errors import ConfigError, Interrupted, NotConverged
 
 
 def call(monkeypatch, capsys, *arguments, cache=None):
@@ -83,6 +88,34 @@ def test_example_finds_the_true_values(tmp_path, monkeypatch, capsys):
     assert (out / "parameters.csv").read_text() == before
 
 
+def test_derivatives_come_from_the_run_itself(tmp_path, monkeypatch):
+    """They are those of differences of whole runs, which take a case a parameter more."""
+    text = (FITS / "example.yaml").read_text().replace("../", f"{FITS.parent}/")
+    text = re.sub(r"file: (synthetic_\w+)", rf"file: {FITS}/\1", text)
+    text = text.replace("set: ", "set:\n  solver.predictor_order: 0\n  solver.tolerance: 1e-12 #")
+    path = tmp_path / "fit.yaml"
+    path.write_text(text.replace("method:", "method:\n  difference: 1e-4"))
+    found, solved = [], []
+    monkeypatch.setattr(fitting, "search", lambda task, progress: search_once(task, found))
+    for told in (True, False):
+        if not told:
+            monkeypatch.setattr(fitting, "known", lambda config: False)
+        with Pool(1) as pool:
+            cases = Cases(Cache(tmp_path / f"cases{told}"), pool)
+            with pytest.raises(Interrupted):
+                run_search(Plan(path), cases, lambda line: None)
+        solved.append(cases.solved)
+    assert solved == [1, 1 + len(TRUE)]  # both curves are of one case
+    for slope, difference in zip(*(J.T for J in found), strict=True):
+        assert np.abs(slope - difference).max() < 2e-4 * np.abs(slope).max()
+
+
+def search_once(task, found):
+    objective = searching._Objective(task, lambda line: None)
+    found.append(objective.jacobian(objective.numbers(objective.parameters())))
+    raise Interrupted("enough", 2)
+
+
 @pytest.mark.slow
 def test_branches_are_found_from_a_relaxation_curve(tmp_path, monkeypatch, capsys):
     out = tmp_path / "fit"
@@ -130,6 +163,9 @@ class Lines:
             stage = np.array(["push"] * len(u))
             found.append({"displacement_mm": u, "force_N": F, "time_s": u, "stage": stage})
         return found
+
+    def slopes(self, case, wanted):
+        return {}
 
 
 def line_fit(folder, noise_seed=None, text=FIT, modulus=2.0, permittivity=3.0):

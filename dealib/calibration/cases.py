@@ -2,20 +2,43 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from dealib.cases.cache import DONE, FAILED, Cache, key
-from dealib.cases.job import Job, Wanted
+from dealib.cases.job import Job
+from dealib.cases.job import Wanted as Spectrum
 from dealib.cases.workers import Pool
 from dealib.config import Case
+from dealib.design import slopes
 from dealib.errors import ConfigError, NotConverged, PlatformError
 from dealib.results.history import STAGE
 from dealib.results.spectra import RESPONSE, read
 
 History = dict[str, np.ndarray]
 _FIELDS = "none"
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is wanted of a case besides its history.
+
+    Attributes:
+        spectrum: Its spectrum, in place of the history.
+        slopes: Keys by whose logarithms derivatives of the history are wanted.
+    """
+
+    spectrum: Spectrum | None = None
+    slopes: tuple[str, ...] = ()
+
+    @property
+    def key(self) -> str:
+        """Tells what is kept of it."""
+        told = [_FIELDS, *(repr(x) for x in (self.spectrum, self.slopes) if x)]
+        return ", ".join(told)
 
 
 class Cases:
@@ -30,7 +53,7 @@ class Cases:
         self.cache, self.pool, self.solved = cache, pool, 0
 
     def histories(
-        self, cases: Sequence[Case], spectra: Sequence[Wanted | None]
+        self, cases: Sequence[Case], wanted: Sequence[Wanted]
     ) -> list[History | NotConverged]:
         """Histories of cases, or the spectra that are wanted of them, or why there is none.
 
@@ -38,28 +61,30 @@ class Cases:
             ConfigError: If a case cannot be.
             PlatformError: If a case failed in another way, or its process died.
         """
-        keys = [
-            key(case.config, _FIELDS if wanted is None else f"{_FIELDS}, {wanted!r}")
-            for case, wanted in zip(cases, spectra, strict=True)
-        ]
+        keys = [key(case.config, of.key) for case, of in zip(cases, wanted, strict=True)]
         jobs = {}
-        for known, case, wanted in zip(keys, cases, spectra, strict=True):
+        for known, case, of in zip(keys, cases, wanted, strict=True):
             if known not in jobs and not self.cache.settled(known):
                 changes = (*case.overrides, f"output.fields={_FIELDS}")
-                folder = self.cache.folder
-                jobs[known] = Job(case.config.name, known, case.path, changes, folder, wanted)
+                watch = functools.partial(slopes.Slopes, of.slopes) if of.slopes else None
+                given = case.config.name, known, case.path, changes, self.cache.folder
+                jobs[known] = Job(*given, of.spectrum, watch)
         for ended in self.pool.solve(list(jobs.values())):
             self.solved += 1
             if ended.status not in (DONE, FAILED):
                 kind = ConfigError if ended.exit_code == 2 else PlatformError
                 raise kind(f"a case of the fit {ended.status}: {ended.error}")
-        return [self._history(*one) for one in zip(keys, spectra, strict=True)]
+        return [self._history(*one) for one in zip(keys, wanted, strict=True)]
 
-    def _history(self, known: str, wanted: Wanted | None) -> History | NotConverged:
+    def slopes(self, case: Case, wanted: Wanted) -> dict[str, History]:
+        """Derivatives of a solved case's history by the logarithms of keys; of some or none."""
+        return slopes.read(self.cache.run(key(case.config, wanted.key)).directory)
+
+    def _history(self, known: str, wanted: Wanted) -> History | NotConverged:
         run = self.cache.run(known)
         if run.status == FAILED:
             return NotConverged(run.info["error"])
         table = run.history
-        if wanted is not None:
+        if wanted.spectrum is not None:
             table = read(run.directory / RESPONSE).assign(**{STAGE: ""})
         return {str(name): values.to_numpy() for name, values in table.items()}

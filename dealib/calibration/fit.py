@@ -7,15 +7,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dealib.calibration.cases import Cases, History
+from dealib.calibration.cases import Cases, History, Wanted
 from dealib.calibration.reach import check_reach
 from dealib.calibration.report import Fitted
 from dealib.calibration.schema import Plan
 from dealib.calibration.search import blind, search
 from dealib.calibration.task import Free, Series, Task, Values
-from dealib.config import resolved
+from dealib.config import Case, resolved
 from dealib.data.measured import Measured, measured
 from dealib.data.names import split_unit
+from dealib.design.slopes import known
 from dealib.errors import ConfigError, NotConverged
 
 
@@ -31,14 +32,21 @@ def run_search(plan: Plan, cases: Cases, progress: Callable[[str], None]) -> Fit
         ConfigError: If the data do not fit the runs, or are fewer than the parameters.
         NotConverged: If the case at the start does not converge.
     """
-    fit, method = plan.fit, plan.fit.method
+    fit, method, n = plan.fit, plan.fit.method, len(plan.fit.data)
 
     def solve(sets: list[Values]) -> list[list[History | NotConverged]]:
-        n = len(fit.data)
-        wanted = [plan.case(i, values) for values in sets for i in range(n)]
-        spectra = [(d.spectrum, d.stage) if d.spectrum else None for d in fit.data]
-        found = cases.histories(wanted, spectra * len(sets))
-        return [found[k * n : (k + 1) * n] for k in range(len(sets))]
+        chosen = [[plan.case(i, values) for i in range(len(fit.data))] for values in sets]
+        wanted = [
+            _wanted(plan, i, case, k == 0)
+            for k, of in enumerate(chosen)
+            for i, case in enumerate(of)
+        ]
+        found = iter(cases.histories([case for of in chosen for case in of], wanted))
+        return [[next(found) for _ in of] for of in chosen]
+
+    def slopes(values: Values) -> list[dict[str, History]]:
+        chosen = [plan.case(i, values) for i in range(n)]
+        return [cases.slopes(c, _wanted(plan, i, c, True)) for i, c in enumerate(chosen)]
 
     free = {key: Free(p.unit, p.start[0], *p.range) for key, p in fit.parameters.items()}
     series = []
@@ -55,7 +63,7 @@ def run_search(plan: Plan, cases: Cases, progress: Callable[[str], None]) -> Fit
         )
     task = Task(
         free, series, solve, method.difference, method.tolerance, method.max_evaluations,
-        method.confidence, method.intervals,
+        method.confidence, method.intervals, slopes,
     )  # fmt: skip
     for line in (before := blind(task)):
         progress(f"at the start: {line}")
@@ -70,6 +78,14 @@ def run_search(plan: Plan, cases: Cases, progress: Callable[[str], None]) -> Fit
     best = {"best.yaml": resolved(plan.case(0, found.values).config)}
     notes = [f"{cases.solved} cases solved."]
     return Fitted(fit.name, fit.description, found, before, notes, {}, best, draw)
+
+
+def _wanted(plan: Plan, index: int, case: Case, first: bool) -> Wanted:
+    """What is wanted of a case: slopes of the first set of values, where the search is."""
+    data = plan.fit.data[index]
+    if data.spectrum:
+        return Wanted((data.spectrum, data.stage))
+    return Wanted(slopes=tuple(plan.fit.parameters) if first and known(case.config) else ())
 
 
 def _series(plan: Plan, index: int, history: History) -> Series:

@@ -64,27 +64,67 @@ class _Objective:
         return self.jacobian(self.numbers(parameters), vary)
 
     def jacobian(self, numbers: Array, vary: Array | None = None) -> Array:
-        """Derivatives by differences, (points, parameters)."""
-        sets, steps = [self.values(numbers)], []
+        """Derivatives of the residuals, (points, parameters).
+
+        By differences: of histories with a parameter moved, which are solved, or told by slopes.
+        """
+        values = self.values(numbers)
+        (here,) = self.task.solve([values])
+        slopes, sets, steps = self._slopes(values, here), [], []
         for i, (key, free) in enumerate(self.task.free.items()):
             if vary is not None and not vary[i]:
                 continue
             step = self.task.difference * free.scale(numbers[i])
             moved = numbers[i] + step if numbers[i] + step <= free.range[1] else numbers[i] - step
-            sets.append(sets[0] | {key: free.outer(moved)})
+            sets.append((key, values | {key: free.outer(moved)}))
             steps.append(moved - numbers[i])
-        base, *others = self.residuals(sets)
-        return np.column_stack([(m - base) / h for m, h in zip(others, steps, strict=True)])
+        rest = [of for key, of in sets if key not in slopes]
+        solved = iter(self.task.solve([values, *rest])[1:] if rest else [])
+        there = [
+            _moved(here, slopes[key], of[key] / values[key] - 1) if key in slopes else next(solved)
+            for key, of in sets
+        ]
+        base = self._residuals(here)
+        columns = [(self._residuals(m) - base) / h for m, h in zip(there, steps, strict=True)]
+        return np.column_stack(columns)
+
+    def _slopes(
+        self, values: Values, here: list[History | NotConverged]
+    ) -> dict[str, list[History]]:
+        """Derivatives of all series' histories by the logarithms of parameters, where all have."""
+        if self.task.slopes is None or any(isinstance(h, NotConverged) for h in here):
+            return {}
+        found, needed = self.task.slopes(values), [s.measured for s in self.task.series]
+        return {
+            key: [of[key] for of in found]
+            for key in self.task.free
+            if all(
+                key in of and {data.x, *data.curves} <= {"time_s", *of[key]}
+                for of, data in zip(found, needed, strict=True)
+            )
+        }
 
     def residuals(self, sets: list[Values]) -> list[Array]:
-        return [
-            np.concatenate([_residual(*p) for p in zip(self.task.series, found, strict=True)])
-            for found in self.task.solve(sets)
-        ]
+        return [self._residuals(found) for found in self.task.solve(sets)]
+
+    def _residuals(self, found: Sequence[History | NotConverged]) -> Array:
+        return np.concatenate([_residual(*p) for p in zip(self.task.series, found, strict=True)])
 
     def squares(self, numbers: Sequence[Array]) -> list[float]:
         """Sums of squares."""
         return [float(r @ r) for r in self.residuals([self.values(n) for n in numbers])]
+
+
+def _moved(
+    histories: Sequence[History | NotConverged], slopes: Sequence[History], change: float
+) -> list[History | NotConverged]:
+    """Histories after a relative change of a parameter."""
+    return [
+        history
+        if isinstance(history, NotConverged)
+        else history | {name: history[name] + change * s for name, s in slope.items()}
+        for history, slope in zip(histories, slopes, strict=True)
+    ]
 
 
 def _residual(series: Data, history: History | NotConverged) -> Array:

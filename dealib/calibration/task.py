@@ -126,12 +126,14 @@ class Task:
     Attributes:
         free: Parameters by name.
         series: The data.
-        solve: Histories of all series at each set of values.
+        solve: Histories of all series at each set of values; the first is where the search is.
         difference: Relative step of the finite differences.
         tolerance: Relative, on sum of squares and parameters.
         max_evaluations: Most evaluations of the residuals.
         confidence: Level of the intervals.
         intervals: How they are found; auto: by the profile where the linear ones mislead.
+        slopes: Of the first set that was solved last, derivatives of each series' history by the
+            logarithms of parameters; those that lack are found by differences.
     """
 
     free: dict[str, Free]
@@ -142,6 +144,7 @@ class Task:
     max_evaluations: int
     confidence: float
     intervals: Literal["auto", "linear", "profile"]
+    slopes: Callable[[Values], list[dict[str, History]]] | None = None
 
 
 @dataclass(frozen=True)

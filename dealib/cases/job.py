@@ -32,6 +32,7 @@ class Job:
         overrides: 'key=value' changes of it.
         folder: Of the cache.
         spectrum: That is wanted of it, too.
+        watch: Makes one more observer of the run, from its directory.
     """
 
     label: str
@@ -40,6 +41,7 @@ class Job:
     overrides: tuple[str, ...]
     folder: Path
     spectrum: Wanted | None = None
+    watch: Callable[[Path], Any] | None = None
 
     @property
     def directory(self) -> Path:
@@ -97,7 +99,9 @@ def _solve(job: Job, report: Report | None) -> None:
     if not (job.directory / INFO).is_file():  # a rest, which `simulate` would not overwrite
         shutil.rmtree(job.directory, ignore_errors=True)
     case = load(job.base, job.overrides)
-    observers = [] if report is None else [_Reporter(report)]
+    observers: list[Any] = [] if report is None else [_Reporter(report)]
+    if job.watch is not None:
+        observers.append(job.watch(job.directory))
     done: Any = {"overwrite": True, "resumable": False, "observers": observers}
     done["comm"] = MPI.COMM_SELF
     if job.spectrum is None:

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-_STEP = 1e-5  # change of a number, of itself
+STEP = 1e-5  # change of a number, of itself
 _TRACED = ("work_mJ", "residual_mJ")  # columns that sum over the states
 _NO_COLUMNS = ("newton_iterations", "step")
 
@@ -96,12 +96,12 @@ def find(
 ) -> Found:
     """The same with what is told besides."""
     with case.blamed():
-        _refuse(case.config)
-    case = replace(case, config=_plain(case.config))
+        refuse(case.config)
+    case = replace(case, config=as_function_of_state(case.config))
     quantities = _Quantities(case.config, of, at)
     chosen = keys(case.config, key)
     base = Simulation(case, comm)
-    near = Neighbours(base, chosen, quantities.needed, _STEP, strict=bool(key))
+    near = Neighbours(base, chosen, quantities.needed, STEP, strict=bool(key))
     rows, given = [], set[str]()
     for state in base:
         rows.append(state.row)
@@ -116,7 +116,7 @@ def find(
         for beside in near.pairs:
             up, down = (quantities.value(name, s.rows, s.config) for s in beside.sides)
             k = beside.key
-            slope = (up - down) / (2 * _STEP * k.value)
+            slope = (up - down) / (2 * STEP * k.value)
             logarithmic = slope * k.value / value if value else float("nan")
             numbers = {"derivative": float(slope), "logarithmic": float(logarithmic)}
             found.append({"quantity": name, "key": k.name, "value": k.value, "unit": k.unit})
@@ -124,14 +124,14 @@ def find(
     return Found(values, found, near.left_out)
 
 
-def _plain(config: Config) -> Config:
+def as_function_of_state(config: Config) -> Config:
     """Without what a history has that is no function of the state alone."""
     kept = {"output": {"modes": 0}, "sensing": {"differential": False}}
     changes = {k: getattr(config, k).model_copy(update=v) for k, v in kept.items()}
     return config.model_copy(update=changes)
 
 
-def _refuse(config: Config) -> None:
+def refuse(config: Config) -> None:
     """Raise `ValueAt` for a program whose sensitivities are not found."""
     known = "sensitivities are known of programs in equilibrium only"
     for i, stage in enumerate(config.program):
@@ -154,6 +154,11 @@ def _refuse(config: Config) -> None:
                 said = "a law that softens has a kink at the largest energy so far, where states "
                 said += "come back to it: no sensitivities are found with it"
                 raise ValueAt(("materials", name, softens), said)
+
+
+def columns_of(config: Config) -> set[str]:
+    """Columns of its history that are functions of the state alone."""
+    return {c.name for c in measured(config) if c.name not in _NO_COLUMNS}
 
 
 def _stem(column: str) -> str:
@@ -203,7 +208,7 @@ class _Quantities:
         return not traced and all(e.ends_only for e in self._known.values())
 
     def _parsed(self, text: str, stages: Sequence[str]) -> Expression:
-        there = [c.name for c in measured(self._config) if c.name not in _NO_COLUMNS]
+        there = [*columns_of(self._config)]
         there += [n for n in columns(self._config) if _stem(n).endswith(_TRACED)]
         there.append("time_s")
         try:

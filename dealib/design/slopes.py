@@ -1,0 +1,87 @@
+"""Derivatives of a whole history, found as its run goes on."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from dealib.config.schema import Config
+from dealib.design.keys import Key, keys
+from dealib.design.neighbours import Neighbours
+from dealib.design.sensitivity import STEP, as_function_of_state, columns_of, refuse
+from dealib.errors import ConfigError, ValueAt
+from dealib.files import write_bytes
+
+FILE = "slopes.npz"
+
+
+class Slopes:
+    """Observes a run, and writes how its history follows numbers of its config (on one rank).
+
+    Args:
+        wanted: Keys of the numbers; those of which there is no derivative are left out.
+        directory: The run directory.
+    """
+
+    def __init__(self, wanted: Sequence[str], directory: Path) -> None:
+        self._wanted, self._path = wanted, directory / FILE
+
+    def start(self, simulation: Any) -> None:
+        """See `Observer`."""
+        config = simulation.case.config
+        found = [key for name in self._wanted for key in _key(config, name)]
+        needed = columns_of(as_function_of_state(config))
+        self._near = Neighbours(simulation, found, needed, STEP)
+
+    def see(self, state: Any) -> None:
+        """See `Observer`."""
+        self._near.follow()
+
+    def stop(self, error: BaseException | None) -> None:
+        """See `Observer`."""
+        if error is not None:
+            return
+        found = {}
+        for pair in self._near.pairs:
+            up, down = (_table(side.rows) for side in pair.sides)
+            found[pair.key.name] = {name: (up[name] - down[name]) / (2 * STEP) for name in up}
+        out, columns = io.BytesIO(), list(next(iter(found.values()), {}))
+        values = [[slopes[name] for name in columns] for slopes in found.values()]
+        np.savez(out, keys=np.array(list(found), str), columns=columns, values=np.array(values))
+        write_bytes(self._path, out.getvalue())
+
+
+def known(config: Config) -> bool:
+    """Whether histories of a config have derivatives (see `sensitivity`)."""
+    try:
+        refuse(config)
+    except ValueAt:
+        return False
+    return not config.output.modes
+
+
+def read(directory: Path) -> dict[str, dict[str, npt.NDArray[np.float64]]]:
+    """Derivatives of each column by the logarithm of each key; none where there is no file."""
+    try:
+        with np.load(directory / FILE, allow_pickle=False) as file:
+            found = (dict(zip(map(str, file["columns"]), v, strict=True)) for v in file["values"])
+            return dict(zip(map(str, file["keys"]), found, strict=True))
+    except (OSError, ValueError, KeyError):
+        return {}
+
+
+def _key(config: Config, name: str) -> list[Key]:
+    try:
+        return keys(config, [name])
+    except ConfigError:  # zero, or no number
+        return []
+
+
+def _table(rows: list[dict[str, Any]]) -> dict[str, npt.NDArray[np.float64]]:
+    numbers = [name for name, value in rows[0].items() if isinstance(value, (int, float))]
+    return {name: np.array([row[name] for row in rows], float) for name in numbers}
