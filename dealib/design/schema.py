@@ -225,20 +225,33 @@ class Plan:
 
     def _begin(self, name: str, variable: Variable, own: Config) -> float:
         """Where a search begins in a number; its key is found, too."""
-        (low, high), where = variable.range, ("variables", name)
-        inner = next(v for v in ((low + high) / 2, low, high) if v)  # a key of 0 has no unit
-        config = self._load({name: variable.text(inner)}, where).config
+        where = ("variables", name)
+        low, high = variable.range
+        try:
+            self.keys[name] = self._key(name, own)
+        except ConfigError:  # the base does not give it, or as 0, which has no unit
+            inner = next(v for v in ((low + high) / 2, low, high) if v)
+            changed = self._load({name: variable.text(inner)}, where).config
+            self.keys[name] = self._key(name, changed)
+        try:
+            convert((low, variable.unit), self.keys[name].unit)
+        except ValueError as error:
+            raise self.fault((*where, "min"), str(error)) from None
+        if variable.start is not None:
+            return convert(variable.start, variable.unit)
+        try:
+            value = convert((setting(own, name), self.keys[name].unit), variable.unit)
+        except ValueError:
+            return (low + high) / 2
+        return min(max(value, low), high)
+
+    def _key(self, name: str, config: Config) -> Key:
+        """The number that a variable is."""
+        where = ("variables", name)
         try:
             found = keys(config, [name])
         except ConfigError as error:
             raise self.fault(where, str(error), "key") from None
         if [key.name for key in found] != [name]:
             raise self.fault(where, "this is a section; name one number of it", "key")
-        self.keys[name] = found[0]
-        if variable.start is not None:
-            return convert(variable.start, variable.unit)
-        try:
-            value = convert((setting(own, name), found[0].unit), variable.unit)
-        except ValueError:  # the base does not give it
-            return (low + high) / 2
-        return min(max(value, low), high)
+        return found[0]
