@@ -17,6 +17,7 @@ from dealib.results.elements import Array
 Seen = Mapping[str, tuple[float, Array]]  # value and slopes of each quantity
 Oracle = Callable[[Array], Seen | None]
 _SAME = 1e-4  # of the range: beside a point without values there are none either
+_PATIENCE = 10  # points in a row that are no better: a kink, where slopes lead nowhere
 _FAR = 10.0  # of scaled values: what a point without values is said to be worse by
 
 
@@ -65,12 +66,13 @@ class _Walk:
         self._holes: list[Array] = []
         self._last: _State | None = None
         self._scales: list[float] = []
+        self._in_vain = 0
 
     def at(self, x: Array) -> _State:
         """What is at a point; an invented bad value where nothing is."""
         x = np.clip(x, 0, 1)
         if (key := x.tobytes()) not in self._known:
-            if len(self._known) >= self._search.evaluations:
+            if len(self._known) >= self._search.evaluations or self._in_vain > _PATIENCE:
                 raise _Enough
             hole = any(np.abs(x - other).max() < _SAME for other in self._holes)
             seen = None if hole else self._see(x)
@@ -91,6 +93,12 @@ class _Walk:
             f = seen[self._aim.name][0]
             self._scales = [abs(f) or 1.0, *(scale(limit, seen) for limit in self._limits)]
         found = ranked(x, seen, self._aim, self._limits)
+        gain = self._search.tolerance * self._scales[0], self._search.tolerance
+        best, self._in_vain = self.best, self._in_vain + 1
+        if best is None or found.beyond < best.beyond - gain[1]:
+            self._in_vain = 0
+        elif found.beyond <= best.beyond and found.objective < best.objective - gain[0]:
+            self._in_vain = 0
         if self.best is None or found.rank < self.best.rank:
             self.best = found
         sign, n = self._aim.sign / self._scales[0], len(x)
