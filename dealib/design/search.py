@@ -95,9 +95,11 @@ class _Walk:
         found = ranked(x, seen, self._aim, self._limits)
         gain = self._search.tolerance * self._scales[0], self._search.tolerance
         best, self._in_vain = self.best, self._in_vain + 1
-        if best is None or found.beyond < best.beyond - gain[1]:
-            self._in_vain = 0
-        elif found.beyond <= best.beyond and found.objective < best.objective - gain[0]:
+        if (
+            best is None
+            or found.beyond < best.beyond - gain[1]
+            or (found.beyond <= best.beyond and found.objective < best.objective - gain[0])
+        ):
             self._in_vain = 0
         if self.best is None or found.rank < self.best.rank:
             self.best = found
