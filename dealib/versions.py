@@ -14,7 +14,7 @@ _PACKAGES = (
 )
 _NAMES = {"petsc": "PETSc", "gmsh": "Gmsh", "python": "Python"}
 # packages of dealib that results do not depend on
-_BESIDE = {"calibration", "cases", "cli", "data", "design", "export", "plots", "report", "study"}
+_BESIDE = {"calibration", "cases", "cli", "data", "export", "plots", "report", "study"}
 
 
 def version_line() -> str:

@@ -13,6 +13,7 @@ from dealib.config import Case, load
 from dealib.config.band import Band
 from dealib.config.messages import validate
 from dealib.config.names import FilePath, Name
+from dealib.config.settings import Destination
 from dealib.config.source import Source
 from dealib.data.schema import Amount, Selection
 from dealib.errors import ConfigError, ValueAt
@@ -99,12 +100,6 @@ class Method(Section):
     )
     confidence: float = Field(0.95, gt=0.5, lt=1, description="level of the intervals")
     intervals: Intervals = Field("linear", description=INTERVALS)
-
-
-class Destination(Section):
-    """Where results go."""
-
-    directory: FilePath | None = Field(None, description="default runs/NAME")
 
 
 class Fit(Section):

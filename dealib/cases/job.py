@@ -33,6 +33,8 @@ class Job:
         folder: Of the cache.
         spectrum: That is wanted of it, too.
         watch: Makes one more observer of the run, from its directory.
+        work: What is done instead of a run: a function of a module, which takes the job and the
+            report.
     """
 
     label: str
@@ -42,6 +44,7 @@ class Job:
     folder: Path
     spectrum: Wanted | None = None
     watch: Callable[[Path], Any] | None = None
+    work: Callable[[Job, Report | None], None] | None = None
 
     @property
     def directory(self) -> Path:
@@ -79,7 +82,7 @@ def run(job: Job, report: Report | None = None) -> Ended:
     status, error, code = "done", "", 0
     try:
         with _printed_to(job.log):
-            _solve(job, report)
+            (job.work or _solve)(job, report)
     except DealibError as problem:
         code, error = problem.exit_code, str(problem)
         status = "not converged" if code == 3 else "failed"

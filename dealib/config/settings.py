@@ -173,3 +173,9 @@ class Output(Section):
         "buckles or wrinkles, so many of the softest modes are stored; costs about two iterations "
         "a step",
     )
+
+
+class Destination(Section):
+    """Where results go."""
+
+    directory: FilePath | None = Field(None, description="default runs/NAME")

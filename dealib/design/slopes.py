@@ -13,9 +13,10 @@ import numpy.typing as npt
 from dealib.config.schema import Config
 from dealib.design.keys import Key, keys
 from dealib.design.neighbours import Neighbours
-from dealib.design.sensitivity import STEP, as_function_of_state, columns_of, refuse
+from dealib.design.sensitivity import STEP, as_function_of_state, refuse
 from dealib.errors import ConfigError, ValueAt
 from dealib.files import write_bytes
+from dealib.study.scope import of_the_state
 
 FILE = "slopes.npz"
 
@@ -35,7 +36,7 @@ class Slopes:
         """See `Observer`."""
         config = simulation.case.config
         found = [key for name in self._wanted for key in _key(config, name)]
-        needed = columns_of(as_function_of_state(config))
+        needed = {*of_the_state(as_function_of_state(config))}
         self._near = Neighbours(simulation, found, needed, STEP)
 
     def see(self, state: Any) -> None:

@@ -14,7 +14,6 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from dealib.calibration.schema import Fit
 from dealib.cases.cache import key
 from dealib.config import load
 from dealib.config.messages import problem, validate
@@ -125,8 +124,8 @@ def find(path: Path) -> list[Path]:
 
 
 def _is_study(path: Path) -> bool:
-    """Whether a file has a key that only studies have."""
-    own = set(Study.model_fields) - set(Config.model_fields) - set(Fit.model_fields)
+    """Whether a file has a key that neither configs have nor fits and designs."""
+    own = set(Study.model_fields) - set(Config.model_fields) - {"base", "set", "quantities"}
     try:
         text = read_bytes(path, "study", 1_000_000).decode(errors="replace")
     except ConfigError:
