@@ -1,0 +1,249 @@
+"""Uncertainty: Sobol indices and intervals of known functions, breakdown by chance, the command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import dealib
+from dealib.design.distributions import Joint, Spread, scores
+from dealib.design.propagation import Probability, Samples
+
+# isort: split
+import numpy as np
+import pytest
+from scipy import stats
+
+from dealib.errors import NotConverged, ValueAt
+
+SMALL = Path(__file__).with_name("small.yaml")
+
+
+# --- distributions -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given", "mean", "deviation", "quarter"),
+    [
+        ({"mean": "40 um", "deviation": "1 um"}, 0.04, 0.001, 0.04 - 0.0006744898),
+        ({"mean": "40 um", "deviation": "2.5 %"}, 0.04, 0.001, 0.04 - 0.0006744898),
+        ({"min": "20 um", "max": "0.06 mm"}, 0.04, 0.04 / 12**0.5, 0.03),
+        ({"min": "0 mm", "mode": "1 mm", "max": "1 mm"}, 2 / 3, 18**-0.5, 0.5),
+        # mu and sigma of ln x: sigma^2 = ln(1 + 0.25), mu = ln 2 - sigma^2 / 2
+        (
+            {"mean": "2 mm", "deviation": "50 %", "distribution": "lognormal"},
+            *(2, 1, np.exp(np.log(2) - np.log(1.25) / 2 - 0.6744898 * np.log(1.25) ** 0.5)),
+        ),
+        # half of a normal one: mean + sqrt(2/pi) deviations
+        (
+            {"mean": "1 mm", "deviation": "1 mm", "min": "1 mm"},
+            *(1 + (2 / np.pi) ** 0.5, (1 - 2 / np.pi) ** 0.5, 1 + 0.3186394),
+        ),
+    ],
+)
+def test_distributions(given, mean, deviation, quarter):
+    found = Spread.model_validate(given).of("mm")
+    assert found.mean() == pytest.approx(mean, rel=1e-6)
+    assert found.std() == pytest.approx(deviation, rel=1e-6)
+    assert found.ppf(0.25) == pytest.approx(quarter, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("given", "where", "said"),
+    [
+        ({"mean": "1 mm", "deviation": "0 um"}, "deviation", "must be above 0"),
+        ({"min": "2 mm", "max": "1 mm"}, "max", "must be above min"),
+        ({"min": "0 mm", "mode": "2 mm", "max": "1 mm"}, "mode", "must lie between min and max"),
+        (
+            {"mean": "-1 mm", "deviation": "1 mm", "distribution": "lognormal"},
+            *("mean", "must be above 0 where the distribution is lognormal"),
+        ),
+        (
+            {"mean": "1 mm", "deviation": "1 um", "min": "2 mm"},
+            *("mean", "hardly anything of it lies between min and max"),
+        ),
+        ({"min": "1 mm", "max": "1 kV"}, "max", "'kV' is not a unit of that kind"),
+        ({"min": "1 mm", "max": 2}, "max", "expected a unit such as 'mm'; '2' has no unit"),
+    ],
+)
+def test_impossible_distributions(given, where, said):
+    with pytest.raises(ValueAt) as found:
+        Spread.model_validate(given).of("mm")
+    assert found.value.where == (where,)
+    assert said in str(found.value)
+
+
+CORRELATION = np.array([[1, 0.6, 0], [0.6, 1, -0.3], [0, -0.3, 1]])
+
+
+def test_correlated_points():
+    normal = Joint(("a", "b", "c"), (stats.norm(2, 0.1),) * 3, CORRELATION)
+    x = normal.of(scores(2**13, 3, seed=4))
+    assert np.corrcoef(x.T) == pytest.approx(CORRELATION, abs=0.003)
+    assert x.mean(axis=0) == pytest.approx([2, 2, 2], abs=1e-4)
+    assert x.std(axis=0) == pytest.approx([0.1, 0.1, 0.1], rel=2e-3)
+    # in another order the points are others, of the same distribution
+    other = normal.of(scores(2**13, 3, seed=4), [2, 0, 1])
+    assert np.corrcoef(other.T) == pytest.approx(CORRELATION, abs=0.003)
+    # ranks of a Gaussian copula, whatever the distributions are: (6 / pi) asin(r / 2)
+    mixed = Joint(("a", "b", "c"), (stats.uniform(), stats.lognorm(1), stats.norm()), CORRELATION)
+    ranks = stats.spearmanr(mixed.of(scores(2**13, 3, seed=4))).statistic
+    assert ranks == pytest.approx(6 / np.pi * np.arcsin(CORRELATION / 2), abs=0.004)
+
+
+def test_points_go_on_where_fewer_ended():
+    assert np.array_equal(scores(32, 3, seed=7)[:16], scores(16, 3, seed=7))
+    assert not np.allclose(scores(16, 3, seed=8), scores(16, 3, seed=7))
+
+
+# --- known functions -----------------------------------------------------------------------------
+
+
+def ishigami(x):
+    """T. Ishigami and T. Homma, Proc. ISUMA (1990) 398, with a = 7, b = 0.1."""
+    a, b, c = x.T
+    return {"y": np.sin(a) + 7 * np.sin(b) ** 2 + 0.1 * c**4 * np.sin(a)}
+
+
+@pytest.fixture(scope="module")
+def known_function():
+    variables = Joint(("a", "b", "c"), (stats.uniform(-np.pi, 2 * np.pi),) * 3)
+    return Samples.of(variables, ishigami, 256, seed=1)
+
+
+def test_sobol_indices_of_a_known_function(known_function):
+    alone = (0.5 * (1 + 0.1 * np.pi**4 / 5) ** 2, 49 / 8, 0.0)
+    together = 0.1**2 * np.pi**8 * (1 / 18 - 1 / 50)
+    variance = sum(alone) + together
+    totals = (alone[0] + together, alone[1], together)
+    known = known_function.known("y")
+    for k, name in enumerate("abc"):
+        first, total = alone[k] / variance, totals[k] / variance
+        assert known.first[name][0] == pytest.approx(first, rel=0.02, abs=1e-3)
+        assert known.total[name][0] == pytest.approx(total, rel=0.02)
+        assert abs(known.first[name][0] - first) <= known.first[name][1] + 1e-3
+        assert abs(known.total[name][0] - total) <= known.total[name][1]
+    assert known.numbers["mean"][0] == pytest.approx(3.5, rel=0.005)
+    assert known.numbers["deviation"][0] == pytest.approx(variance**0.5, rel=0.005)
+    assert 0.99 < known.explained < 1
+
+
+def test_the_error_of_what_is_left_out(known_function):
+    """The closed form against processes that have really been left without a sample."""
+    x, y, smooth = known_function._through("y")
+    missed = []
+    for k in (3, 77, 200):
+        without = smooth.without(x, y, np.arange(len(y)) == k)
+        missed.append(y[k] - without.at(x[k : k + 1])[0])
+    from scipy.linalg import cho_solve
+
+    inverse = cho_solve((smooth.process.L_, True), np.eye(len(y)))
+    closed = np.ravel(smooth.process.alpha_) / np.diag(inverse) * y.std()
+    assert missed == pytest.approx(closed[[3, 77, 200]], rel=0.02)  # mean and scale differ
+
+
+def test_a_probability(known_function):
+    x = np.random.default_rng(1).uniform(-np.pi, np.pi, (4_000_000, 3))
+    exact = float((ishigami(x)["y"] > 10).mean())
+    found = known_function.above("y", 10)
+    assert found.low <= exact <= found.high
+    assert found.value == pytest.approx(exact, rel=0.03)
+    assert found.high - found.low < 0.3 * found.value
+    below = known_function.above("y", 10, sign=-1)
+    assert below.value == pytest.approx(1 - found.value)
+
+
+def test_sobol_indices_of_correlated_variables():
+    """A sum of normal variables, by the closed forms of conditional variances.
+
+    (S. Kucherenko, S. Tarantola and P. Annoni, Comput. Phys. Commun. 183 (2012) 937, Sec. 5.1.)
+    """
+    sigma = np.array([1.0, 1.0, 2.0])
+    covariance = CORRELATION * np.outer(sigma, sigma)
+    joint = Joint(("a", "b", "c"), tuple(stats.norm(0, s) for s in sigma), CORRELATION)
+    known = Samples.of(joint, lambda x: {"y": x.sum(axis=1)}, 32).known("y")
+    variance, precision = covariance.sum(), np.linalg.inv(covariance)
+    for k, name in enumerate("abc"):
+        first = covariance[k].sum() ** 2 / covariance[k, k] / variance
+        total = 1 / precision[k, k] / variance
+        assert known.first[name][0] == pytest.approx(first, rel=0.01)
+        assert known.total[name][0] == pytest.approx(total, rel=0.01)
+    assert known.numbers["deviation"][0] == pytest.approx(variance**0.5, rel=1e-3)
+    assert known.numbers["q95"][0] == pytest.approx(1.644854 * variance**0.5, rel=2e-3)
+
+
+def test_what_has_no_result_counts():
+    """A function that is not known beyond a bound: it is violated there."""
+
+    def model(x):
+        return {"y": np.where(x[:, 0] < 0.9, x[:, 0] + x[:, 1], np.nan)}
+
+    joint = Joint(("a", "b"), (stats.uniform(),) * 2)
+    samples = Samples.of(joint, model, 64, seed=2)
+    assert samples.unsolved.value == pytest.approx(0.1, abs=0.02)
+    assert samples.unsolved.low < 0.1 < samples.unsolved.high
+    found = samples.above("y", 1.5)
+    exact = 0.1 + 0.5 * 0.4**2  # x > 0.9, and x + y > 1.5 below it
+    assert found.low < exact < found.high
+    assert found.value == pytest.approx(exact, abs=0.03)
+    assert samples.known("y").numbers["mean"][0] == pytest.approx(0.45 + 0.5, abs=0.02)
+    never = Samples.of(joint, lambda x: {"y": np.full(len(x), np.nan)}, 16)
+    with pytest.raises(NotConverged, match="only 0 of 16 cases are solved: too few"):
+        never.known("y")
+
+
+def test_what_no_process_foretells_is_told_by_the_samples():
+    noise = np.random.default_rng(3).normal(5, 2, 128)
+    joint = Joint(("a", "b"), (stats.uniform(),) * 2)
+    samples = Samples.of(joint, lambda x: {"y": noise}, 128)
+    known = samples.known("y")
+    assert known.explained < 0.3
+    assert known.numbers["mean"][0] == pytest.approx(noise.mean())
+    assert known.numbers["deviation"][0] == pytest.approx(noise.std(ddof=1))
+    assert known.numbers["mean"][1] == pytest.approx(1.96 * noise.std() / 128**0.5, rel=0.7)
+    assert samples.above("y", 5).value == (noise > 5).mean()
+
+
+def test_probabilities():
+    assert Probability.of(100, 0).value == 0
+    assert Probability.of(100, 0).high == pytest.approx(0.037, abs=1e-3)  # Wilson's of 0 of 100
+    half = Probability(0.5, 0.4, 0.6)
+    assert half.or_(Probability(0.5, 0.4, 0.6)) == Probability(
+        0.75, pytest.approx(0.64), pytest.approx(0.84)
+    )
+
+
+# --- breakdown by chance -------------------------------------------------------------------------
+
+STIFF = {
+    "limits.weibull": "{strength: 80 MV/m, shape: 12, volume: 100 mm^3}",
+    "materials.film.youngs_modulus": "1 GPa",  # the field is uniform, V / H
+    "program": "[{stage: actuate, terminal: {voltage: 4 kV}, steps: 1}]",
+}
+IN_SPACE = (
+    "{shape: laminate, space: 3d, symmetry: [X, Y], base: {kind: annulus, inner_radius: 8 mm, "
+    "outer_radius: 12 mm}, layers: [{name: film, thickness: 50 um}]}"
+)
+
+
+@pytest.mark.parametrize(
+    ("changes", "volume"),
+    [
+        ({}, np.pi * 80 * 0.05),
+        ({"physics": "{model: membrane}"}, np.pi * 80 * 0.05),
+        ({"geometry": IN_SPACE}, np.pi * 80 * 0.05),
+        ({"geometry.outer_radius": "24 mm", "geometry.inner_radius": "16 mm"}, np.pi * 320 * 0.05),
+    ],
+)
+def test_breakdown_of_a_uniform_field(changes, volume):
+    """1 - exp(-(E / E0)^m V / V0), E = E0: of four times the size four times the exponent."""
+    *_, state = dealib.Simulation(dealib.load(SMALL, {**STIFF, **changes}))
+    assert state.row["failure_probability"] == pytest.approx(1 - np.exp(-volume / 100), rel=1e-4)
+
+
+def test_the_weakest_link_is_in_the_strongest_field():
+    """Of a soft film the field varies: the integral lies between those of its ends."""
+    soft = {**STIFF, "materials.film.youngs_modulus": "1 MPa"}
+    soft["program"] = soft["program"].replace("4 kV", "3 kV")
+    *_, state = dealib.Simulation(dealib.load(SMALL, soft))
+    use = (state.row["field_max_MV_per_m"] / 80) ** 12 * np.pi * 80 * 0.05 / 100
+    assert 0.01 * use < -np.log1p(-state.row["failure_probability"]) < use
