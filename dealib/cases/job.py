@@ -32,6 +32,8 @@ class Job:
         overrides: 'key=value' changes of it.
         folder: Of the cache.
         spectrum: That is wanted of it, too.
+        work: What is done instead of a run: a function of a module, which takes the job and the
+            report.
     """
 
     label: str
@@ -40,6 +42,7 @@ class Job:
     overrides: tuple[str, ...]
     folder: Path
     spectrum: Wanted | None = None
+    work: Callable[[Job, Report | None], None] | None = None
 
     @property
     def directory(self) -> Path:
@@ -77,7 +80,7 @@ def run(job: Job, report: Report | None = None) -> Ended:
     status, error, code = "done", "", 0
     try:
         with _printed_to(job.log):
-            _solve(job, report)
+            (job.work or _solve)(job, report)
     except DealibError as problem:
         code, error = problem.exit_code, str(problem)
         status = "not converged" if code == 3 else "failed"

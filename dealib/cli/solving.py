@@ -180,10 +180,17 @@ def sensitivity(
 
 @app.command()
 def check(config: ConfigFile, set: Set = None) -> None:
-    """Validate a config and estimate its size; nothing is solved or written."""
+    """Validate a config and estimate its size, or a design; nothing is solved or written."""
     from dealib.config import load
     from dealib.config.size import refuse_full_disk, size
+    from dealib.config.source import Source
 
+    if not set and "variables" in Source(config).tree:
+        from dealib.design.schema import Plan
+
+        plan = Plan(config)
+        typer.echo(f"{config}: valid; {plan.name}: {', '.join(plan.design.variables)}")
+        return
     case = load(config, set)
     if case.config.mesh_file is not None:
         from dealib.device.sound import sound_mesh

@@ -77,6 +77,7 @@ _KINDS = {
     "Config": ("config", {"geometry", "materials", "mesh", "physics", "solver"}, "run"),
     "Study": ("study", {"title", "vary", "quantities", "panels", "windows"}, "study"),
     "Fit": ("fit", {"parameters", "data", "method"}, "calibrate"),
+    "Design": ("design", {"variables", "quantities", "maximise", "minimise"}, "optimise"),
 }
 
 
@@ -84,7 +85,7 @@ def _refuse_other_kinds(wanted: str, tree: Mapping[str, Any], path: Path) -> Non
     """Say it in one line if a file is of another kind."""
     counts = {name: len(own & tree.keys()) for name, (_, own, _) in _KINDS.items()}
     found = max(counts, key=counts.__getitem__)
-    if wanted in counts and counts[found] and not counts[wanted]:
+    if wanted in counts and counts[found] > counts[wanted]:
         given, _, command = _KINDS[found]
         raise ConfigError(
             f"{path}: a {given}, not a {_KINDS[wanted][0]}; 'dealib {command} {path}' takes it"

@@ -24,12 +24,11 @@ from dealib.config.schema import Config
 from dealib.design.keys import in_time, keys
 from dealib.design.neighbours import Neighbours
 from dealib.errors import ConfigError, ValueAt, did_you_mean
-from dealib.observe.quantities import columns, measured
 from dealib.program.simulation import Simulation
 from dealib.program.work import LOST, STORED
-from dealib.study.expressions import OF_A_HISTORY, Expression
+from dealib.study.expressions import Expression
 from dealib.study.rows import Rows
-from dealib.study.scope import stages
+from dealib.study.scope import of_history, stages, traced
 
 if TYPE_CHECKING:
     import pandas
@@ -37,8 +36,6 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 _STEP = 1e-5  # change of a number, of itself
-_TRACED = ("work_mJ", "residual_mJ")  # columns that sum over the states
-_NO_COLUMNS = ("newton_iterations", "step")
 
 
 @dataclass
@@ -90,22 +87,27 @@ def sensitivities(
 def find(
     case: Case,
     of: Sequence[str] = (),
-    key: Sequence[str] = (),
+    key: Sequence[str] | None = (),
     at: str | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
+    strict: bool = True,
 ) -> Found:
-    """The same with what is told besides."""
-    with case.blamed():
-        _refuse(case.config)
+    """The same with what is told besides; of no key: values alone, of any program.
+
+    A named key without sensitivities is left out unless it is `strict`.
+    """
+    if key is not None:
+        with case.blamed():
+            refuse(case.config)
     case = replace(case, config=_plain(case.config))
     quantities = _Quantities(case.config, of, at)
-    chosen = keys(case.config, key)
+    chosen = [] if key is None else keys(case.config, key)
     base = Simulation(case, comm)
-    near = Neighbours(base, chosen, quantities.needed, _STEP, strict=bool(key))
+    near = Neighbours(base, chosen, quantities.needed, _STEP, strict=strict and bool(key))
     rows, given = [], set[str]()
     for state in base:
         rows.append(state.row)
-        if state.end_of_stage or not quantities.ends_only:
+        if near.pairs and (state.end_of_stage or not quantities.ends_only):
             near.follow()
         if state.row["stage"] == quantities.stage:
             laws = base.engine.newton.system.ports
@@ -131,7 +133,7 @@ def _plain(config: Config) -> Config:
     return config.model_copy(update=changes)
 
 
-def _refuse(config: Config) -> None:
+def refuse(config: Config) -> None:
     """Raise `ValueAt` for a program whose sensitivities are not found."""
     known = "sensitivities are known of programs in equilibrium only"
     for i, stage in enumerate(config.program):
@@ -154,10 +156,6 @@ def _refuse(config: Config) -> None:
                 said = "a law that softens has a kink at the largest energy so far, where states "
                 said += "come back to it: no sensitivities are found with it"
                 raise ValueAt(("materials", name, softens), said)
-
-
-def _stem(column: str) -> str:
-    return column.partition(".")[0]
 
 
 class _Quantities:
@@ -189,7 +187,7 @@ class _Quantities:
         }
         texts = of or [column for pair in self._answers.values() for column in pair]
         self._asked = bool(of)
-        self._known = {text: self._parsed(text, known) for text in texts}
+        self._known = {text: self._parsed(text) for text in texts}
         self.needed = {name for e in self._known.values() for name in e.names}
         if any(name == "stroke" for e in self._known.values() for name, _ in e.calls):
             self.needed |= {column for pair in self._answers.values() for column in pair}
@@ -199,25 +197,14 @@ class _Quantities:
     @property
     def ends_only(self) -> bool:
         """Whether states at the ends of stages are enough: nothing else leaves a trace in them."""
-        traced = in_time(self._config) or any(_stem(n).endswith(_TRACED) for n in self.needed)
-        return not traced and all(e.ends_only for e in self._known.values())
+        leaves = in_time(self._config) or any(map(traced, self.needed))
+        return not leaves and all(e.ends_only for e in self._known.values())
 
-    def _parsed(self, text: str, stages: Sequence[str]) -> Expression:
-        there = [c.name for c in measured(self._config) if c.name not in _NO_COLUMNS]
-        there += [n for n in columns(self._config) if _stem(n).endswith(_TRACED)]
-        there.append("time_s")
+    def _parsed(self, text: str) -> Expression:
         try:
-            found = Expression(text, OF_A_HISTORY)
-            for name in sorted(found.names - {*there}):
-                raise ValueError(f"unknown name {name!r}{did_you_mean(name, there)}")
-            for name, given in found.calls:
-                for kind, value in zip(OF_A_HISTORY[name].arguments, given, strict=True):
-                    if kind == "stage" and value not in stages:
-                        hint = did_you_mean(str(value), stages)
-                        raise ValueError(f"there is no stage {value!r}{hint}")
+            return of_history(text, self._config)
         except ValueError as error:
             raise ConfigError(f"--of: {error}") from None
-        return found
 
     def value(self, name: str, rows: Sequence[dict[str, Any]], config: Config) -> float:
         """Value of a quantity in a history.

@@ -120,6 +120,41 @@ def _name(node: ast.AST) -> str | None:
     return node.id if isinstance(node, ast.Name) else None
 
 
+class _Inliner(ast.NodeTransformer):
+    """Puts expressions in the place of names."""
+
+    def __init__(self, known: Mapping[str, str]) -> None:
+        self._known = known
+
+    def visit_Name(self, node: ast.Name) -> ast.AST:
+        return _parsed(self._known[node.id]) if node.id in self._known else node
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
+        return node  # a column of one of several ports
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        node.args = [self.visit(argument) for argument in node.args]
+        return node
+
+
+def inlined(text: str, known: Mapping[str, str]) -> str:
+    """An expression with others in the place of their names.
+
+    Raises:
+        ValueError: If it is none.
+    """
+    return ast.unparse(_Inliner(known).visit(_parsed(text)))
+
+
+def _parsed(text: str) -> ast.expr:
+    if len(text) > _LONGEST:
+        raise ValueError(f"an expression has at most {_LONGEST} characters")
+    try:
+        return ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError):
+        raise ValueError(f"{text!r} is no arithmetic expression") from None
+
+
 class Expression:
     """A parsed expression.
 
@@ -140,12 +175,7 @@ class Expression:
 
     def __init__(self, text: str, extra: Mapping[str, Signature]) -> None:
         self.text = text
-        if len(text) > _LONGEST:
-            raise ValueError(f"an expression has at most {_LONGEST} characters")
-        try:
-            self._tree = ast.parse(text.strip(), mode="eval").body
-        except (SyntaxError, ValueError):
-            raise ValueError(f"{text!r} is no arithmetic expression") from None
+        self._tree = _parsed(text)
         self._extra = dict(extra)
         self.calls: list[tuple[str, tuple[Any, ...]]] = []
         self.ends_only = True

@@ -11,7 +11,7 @@ from dealib.errors import did_you_mean
 from dealib.observe import quantities
 from dealib.results.quantities import quantities as local_fields
 from dealib.study import sample
-from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression, Signature
+from dealib.study.expressions import OF_A_CASE, OF_A_HISTORY, OF_ALL_CASES, Expression, Signature
 from dealib.study.schema import Contour, Curves, MaterialTest, Points, Shapes, Where
 
 if TYPE_CHECKING:
@@ -128,6 +128,35 @@ def _argument(kind: str, value: Any, work: Work, labels: Sequence[str]) -> None:
     if known is not None and value not in known:
         what = "field" if kind == "profile" else kind
         raise ValueError(f"there is no {what} {value!r}{did_you_mean(value, known)}")
+
+
+def traced(column: str) -> bool:
+    """Whether a column of a history sums over the states."""
+    return column.partition(".")[0].endswith(("work_mJ", "residual_mJ"))
+
+
+def of_history(text: str, config: Config, others: Iterable[str] = ()) -> Expression:
+    """An expression over the history of a config alone, which no output is needed for.
+
+    Args:
+        text: The expression.
+        config: The config.
+        others: Further names that a message may propose.
+
+    Raises:
+        ValueError: If it asks for what is not there.
+    """
+    there = [c.name for c in quantities.measured(config)]
+    there += [name for name in quantities.columns(config) if traced(name)]
+    there = [*others, "time_s", *(n for n in there if n not in ("newton_iterations", "step"))]
+    found = Expression(text, OF_A_HISTORY)
+    for name in sorted(found.names - {*there}):
+        raise ValueError(f"unknown name {name!r}{did_you_mean(name, there)}")
+    for name, given in found.calls:
+        for kind, value in zip(OF_A_HISTORY[name].arguments, given, strict=True):
+            if kind == "stage" or (kind == "key" and value is not None):
+                _argument(kind, value, config, ())
+    return found
 
 
 def columns(work: Work) -> list[str]:

@@ -1,0 +1,99 @@
+"""A design's quantities, and their slopes, from one run: what workers do for designs."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from dealib.cases.cache import key
+from dealib.cases.job import Job, Report
+from dealib.config import Case, load
+from dealib.errors import ConfigError, NotConverged, ValueAt
+from dealib.files import write_text
+from dealib.reading import read_text
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What a design gives.
+
+    Attributes:
+        values: Of each quantity; none if there is an error.
+        slopes: By quantity and key: the derivative in dealib's internal unit of the key. Keys for
+            which none is found are left out.
+        error: Why there are no values.
+    """
+
+    values: dict[str, float]
+    slopes: dict[str, dict[str, float]]
+    error: str = ""
+
+
+def evaluate(case: Case, quantities: Mapping[str, str], names: Sequence[str] = ()) -> Evaluation:
+    """Quantities of a case, and their slopes by numbers of its config, from one run.
+
+    Args:
+        case: The case.
+        quantities: Expressions over the history, by name.
+        names: Keys of numbers; no slopes are found of programs that are not in equilibrium.
+
+    Raises:
+        ConfigError: If a quantity is no number.
+        NotConverged: If a step failed.
+    """
+    from mpi4py import MPI
+
+    from dealib.design.sensitivity import find, refuse
+
+    wanted: Sequence[str] | None = names or None
+    try:
+        refuse(case.config)
+    except ValueAt:
+        wanted = None
+    found = find(case, list(quantities.values()), wanted, comm=MPI.COMM_SELF, strict=False)
+    slopes: dict[str, dict[str, float]] = {name: {} for name in quantities}
+    for name, text in quantities.items():
+        of = (row for row in found.rows if row["quantity"] == text)
+        slopes[name] = {row["key"]: row["derivative"] for row in of}
+    return Evaluation({name: found.values[text] for name, text in quantities.items()}, slopes)
+
+
+def job(
+    label: str,
+    case: Case,
+    folder: Path,
+    quantities: Mapping[str, str],
+    names: Sequence[str] = (),
+) -> Job:
+    """The job that evaluates a design; its result stays in a folder (see `read`)."""
+    asked = json.dumps([key(case.config, "none"), dict(quantities), sorted(names)])
+    name = hashlib.sha256(asked.encode()).hexdigest()[:16]
+    work = functools.partial(_evaluated, dict(quantities), tuple(names))
+    return Job(label, name, case.path, case.overrides, folder, work=work)
+
+
+def read(job: Job) -> Evaluation | None:
+    """What a job has found, now or earlier; None if it has not ended, or its file is damaged."""
+    try:
+        return Evaluation(**json.loads(read_text(_file(job), "evaluation", 1_000_000)))
+    except (ConfigError, TypeError, ValueError):
+        return None
+
+
+def _file(job: Job) -> Path:
+    return job.folder / f"{job.key}.json"
+
+
+def _evaluated(
+    quantities: dict[str, str], names: tuple[str, ...], job: Job, report: Report | None
+) -> None:
+    """Evaluate in a worker; a design that is not possible is an answer, too."""
+    try:
+        found = evaluate(load(job.base, job.overrides), quantities, names)
+    except (ConfigError, NotConverged) as error:
+        found = Evaluation({}, {}, str(error))
+    write_text(_file(job), json.dumps(asdict(found)))
