@@ -16,6 +16,7 @@ from dealib.processor import prepare
 
 if TYPE_CHECKING:
     from dealib.config import Case, load
+    from dealib.design.optimise import optimise
     from dealib.design.sensitivity import sensitivities
     from dealib.errors import ConfigError, DealibError, Interrupted, NotConverged
     from dealib.program import Simulation, State, simulate
@@ -34,6 +35,7 @@ __all__ = [
     "State",
     "load",
     "open",
+    "optimise",
     "sensitivities",
     "simulate",
     "tables",
@@ -52,6 +54,7 @@ _LAZY = {
     "Run": ("dealib.results.reader", "Run"),
     "open": ("dealib.results.reader", "Run"),
     "tables": ("dealib.results.tables", "load"),
+    "optimise": ("dealib.design.optimise", "optimise"),
     "sensitivities": ("dealib.design.sensitivity", "sensitivities"),
     "Simulation": ("dealib.program", "Simulation"),
     "State": ("dealib.program", "State"),

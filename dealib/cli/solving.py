@@ -179,6 +179,28 @@ def sensitivity(
 
 
 @app.command()
+def optimise(
+    design: Annotated[Path, typer.Argument(metavar="DESIGN", help="YAML file", readable=False)],
+    out: Annotated[Path | None, typer.Option(help="directory; default runs/NAME-optimum")] = None,
+    model: Annotated[
+        str | None, typer.Option(help="solid, membrane or auto; default the design's")
+    ] = None,
+    jobs: Jobs = None,
+) -> None:
+    """Find the best config within bounds and limits; of two objectives, the front between them.
+
+    It goes along gradients. The best design is one that was solved and is within every limit; exit
+    code 3 if there is none. The same command goes on with what was solved before.
+    """
+    from dealib.cli.optimise import run_optimise
+    from dealib.errors import ConfigError, did_you_mean
+
+    if model not in (None, *(known := ("auto", "solid", "membrane"))):
+        raise ConfigError(f"--model {model}: unknown{did_you_mean(model, known)}")
+    run_optimise(design, out, model, jobs)
+
+
+@app.command()
 def check(config: ConfigFile, set: Set = None) -> None:
     """Validate a config and estimate its size, or a design; nothing is solved or written."""
     from dealib.config import load
@@ -186,9 +208,12 @@ def check(config: ConfigFile, set: Set = None) -> None:
     from dealib.config.source import Source
 
     if not set and "variables" in Source(config).tree:
+        from dealib.design.goals import goals
         from dealib.design.schema import Plan
 
         plan = Plan(config)
+        if plan.design.maximise or plan.design.minimise:
+            goals(plan)
         typer.echo(f"{config}: valid; {plan.name}: {', '.join(plan.design.variables)}")
         return
     case = load(config, set)

@@ -20,6 +20,7 @@ from dealib.config.messages import validate
 from dealib.config.schema import Config
 from dealib.config.size import refuse_too_large
 from dealib.config.source import Source
+from dealib.config.text import dump
 from dealib.config.wave import Wave
 from dealib.device.shapes import MeshShape
 from dealib.errors import ConfigError, ValueAt
@@ -154,6 +155,14 @@ def read(path: Path) -> Config:
 def resolved(config: Config) -> str:
     """The config with all defaults, as YAML that reads back as the same config."""
     return yaml_text(_listed(config.model_dump(exclude_none=True)))
+
+
+def commented(path: Path, changes: Iterable[str]) -> str:
+    """The text of a file with 'key=value' changes, and its comments."""
+    source = Source(path)
+    for assignment in changes:
+        source.override(assignment)
+    return dump(source.tree)
 
 
 def yaml_text(tree: Any) -> str:

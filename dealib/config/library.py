@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field, RootModel, TypeAdapter, ValidationError, field_validator
-from ruamel.yaml import YAML
 
 from dealib.config.materials import Material
 from dealib.config.messages import in_file, problem, validate
 from dealib.config.schema import Config, Name
 from dealib.config.source import Source
+from dealib.config.text import dump, load
 from dealib.errors import ConfigError, ValueAt, did_you_mean
 from dealib.materials.laws import LAWS
 from dealib.materials.published import OWN, Entry
@@ -92,12 +91,7 @@ def without_library(config: Config) -> Config:
 
 def add(path: Path, name: str, entry: Mapping[str, Any]) -> str:
     """The text of a library with a material in addition, or in place of one of that name."""
-    yaml = YAML(typ="rt")
-    yaml.width = 100
-    yaml.preserve_quotes = True
-    tree = yaml.load(path.read_text(encoding="utf-8")) if path.is_file() else None
+    tree = load(path.read_text(encoding="utf-8"), "rt") if path.is_file() else None
     tree = {} if tree is None else tree
     tree[name] = dict(entry)
-    out = io.StringIO()
-    yaml.dump(tree, out)
-    return out.getvalue()
+    return dump(tree)

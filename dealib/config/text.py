@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from typing import Any, Literal
 
 from ruamel.yaml import YAML
@@ -60,3 +61,13 @@ def load(text: str, typ: Literal["rt", "safe"] = "safe") -> Any:
     yaml = YAML(typ=typ, pure=True)
     yaml.Composer = _Limited
     return yaml.load(text)
+
+
+def dump(tree: Any) -> str:
+    """The text of a tree that was read as 'rt', with its comments."""
+    yaml = YAML(typ="rt")
+    yaml.width = 100
+    yaml.preserve_quotes = True
+    out = io.StringIO()
+    yaml.dump(tree, out)
+    return out.getvalue()

@@ -54,7 +54,7 @@ def evaluate(case: Case, quantities: Mapping[str, str], names: Sequence[str] = (
         refuse(case.config)
     except ValueAt:
         wanted = None
-    found = find(case, list(quantities.values()), wanted, comm=MPI.COMM_SELF, strict=False)
+    found = find(case, list(quantities.values()), wanted, comm=MPI.COMM_SELF, rough=True)
     slopes: dict[str, dict[str, float]] = {name: {} for name in quantities}
     for name, text in quantities.items():
         of = (row for row in found.rows if row["quantity"] == text)

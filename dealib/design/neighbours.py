@@ -26,10 +26,10 @@ class Side:
 
 @dataclass(frozen=True)
 class Pair:
-    """A number, and the configs in which it is larger and smaller."""
+    """A number, and the configs in which it is larger, and smaller if there are both."""
 
     key: Key
-    sides: tuple[Side, Side]
+    sides: tuple[Side, ...]
 
 
 class Neighbours:
@@ -45,6 +45,7 @@ class Neighbours:
         needed: Columns of the histories.
         step: By how much a number is changed, of itself.
         strict: Whether a key that can have none is a mistake.
+        both: Whether there is one in which the number is smaller, too.
 
     Raises:
         ConfigError: If it is.
@@ -57,19 +58,21 @@ class Neighbours:
         needed: set[str],
         step: float,
         strict: bool = False,
+        both: bool = True,
     ) -> None:
         self._base, self._needed, self.left_out = base, needed, dict[str, str]()
         sources = Sources(base.engine.problem)
         self.pairs: list[Pair] = []
         for key in chosen:
             try:
-                up, down = (self._side(sources, key, 1 + s * step) for s in (1, -1))
+                signs = (1, -1) if both else (1,)
+                sides = tuple(self._side(sources, key, 1 + s * step) for s in signs)
             except ConfigError as error:
                 if strict:
                     raise ConfigError(f"{key.name}: {error}") from None
                 self.left_out[key.name] = str(error)
                 continue
-            self.pairs.append(Pair(key, (up, down)))
+            self.pairs.append(Pair(key, sides))
 
     def _side(self, sources: Sources, key: Key, factor: float) -> Side:
         base = self._base

@@ -1,0 +1,124 @@
+"""What is asked of a design: objectives and limits, as quantities that every evaluation gives."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from dealib.config.source import Path_
+from dealib.design.schema import Plan
+from dealib.study.expressions import OF_A_HISTORY, Expression
+
+_SIGNS = {ast.LtE: 1, ast.Lt: 1, ast.GtE: -1, ast.Gt: -1}
+
+
+@dataclass(frozen=True)
+class Aim:
+    """An objective.
+
+    Attributes:
+        name: Of its quantity.
+        sign: 1 if small values are good, -1 if large ones are.
+    """
+
+    name: str
+    sign: int
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A limit of a quantity.
+
+    Attributes:
+        text: As the user wrote it.
+        name: Of its quantity.
+        sign: 1 of an upper limit, -1 of a lower one.
+        bound: The limit.
+    """
+
+    text: str
+    name: str
+    sign: int
+    bound: float
+
+    def slack(self, values: Mapping[str, float]) -> float:
+        """How far values are inside the limit; negative beyond it."""
+        return self.sign * (self.bound - values[self.name])
+
+
+@dataclass(frozen=True)
+class Goals:
+    """Quantities that are evaluated, by name as expressions; objectives, and limits."""
+
+    asked: dict[str, str]
+    aims: tuple[Aim, ...]
+    limits: tuple[Limit, ...]
+
+    def slack(self, values: Mapping[str, float]) -> float:
+        """The least slack of all limits."""
+        return min((limit.slack(values) for limit in self.limits), default=0.0)
+
+
+def goals(plan: Plan) -> Goals:
+    """The goals of a design.
+
+    Raises:
+        ConfigError: If one cannot be, with its place in the file.
+    """
+    design, asked = plan.design, dict(plan.quantities)
+
+    def ask(text: str, where: Path_) -> str:
+        """Name of a quantity."""
+        if text not in asked:
+            asked[text] = plan.expression(text, where)
+        return text
+
+    aims = [
+        Aim(ask(text.strip(), (key, k)), sign)
+        for key, texts, sign in (
+            ("maximise", design.maximise, -1),
+            ("minimise", design.minimise, 1),
+        )
+        for k, text in enumerate(texts)
+    ]
+    if not 1 <= len(aims) <= 2:
+        where = ("maximise",) if design.maximise else ("minimise",)
+        raise plan.fault(where, "one or two objectives are needed, in maximise and minimise")
+    limits: list[Limit] = []
+    for k, text in enumerate(design.subject_to):
+        where_ = ("subject_to", k)
+        for left, sign, right in _comparisons(plan, text, where_):
+            low, high = (_constant(plan, side, where_) for side in (left, right))
+            if low is not None and high is not None:
+                raise plan.fault(where_, f"{text!r} compares numbers alone")
+            if high is not None:
+                limits.append(Limit(text, ask(left, where_), sign, high))
+            elif low is not None:
+                limits.append(Limit(text, ask(right, where_), -sign, low))
+            else:
+                limits.append(Limit(text, ask(f"{left} - ({right})", where_), sign, 0.0))
+    return Goals(asked, tuple(aims), tuple(limits))
+
+
+def _comparisons(plan: Plan, text: str, where: Path_) -> list[tuple[str, int, str]]:
+    """Both sides of each comparison of a limit, with 1 where the left one is the smaller."""
+    try:
+        node = ast.parse(text.strip(), mode="eval").body
+    except (SyntaxError, ValueError):
+        node = None
+    if not (isinstance(node, ast.Compare) and {type(op) for op in node.ops} <= _SIGNS.keys()):
+        example = "'used <= 0.8' or '0 <= max(force_N) <= 2'"
+        raise plan.fault(where, f"{text!r} compares nothing; expected a limit such as {example}")
+    sides = [ast.unparse(side) for side in (node.left, *node.comparators)]
+    signs = [_SIGNS[type(op)] for op in node.ops]
+    return list(zip(sides[:-1], signs, sides[1:], strict=True))
+
+
+def _constant(plan: Plan, text: str, where: Path_) -> float | None:
+    """Value of an expression that is the same for all designs; None of others."""
+    found = Expression(plan.expression(text, where), OF_A_HISTORY)
+    try:
+        return found.constant()
+    except ValueError as error:
+        raise plan.fault(where, str(error)) from None

@@ -1,0 +1,197 @@
+"""The search for the least value of an objective within limits, by sequential quadratic programs.
+
+Variables are numbers from 0 to 1. Points without values are stepped back from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dealib.design.goals import Aim, Limit
+from dealib.design.schema import Search
+from dealib.results.elements import Array
+
+Seen = Mapping[str, tuple[float, Array]]  # value and slopes of each quantity
+Oracle = Callable[[Array], Seen | None]
+_FAR = 10.0  # of scaled values: what a point without values is said to be worse by
+
+
+@dataclass(frozen=True)
+class Best:
+    """The best point that a search has seen.
+
+    Attributes:
+        x: The point.
+        beyond: By how much of the limit it is beyond the worst of its limits; 0 if it is allowed.
+        objective: With its sign, the smaller the better.
+    """
+
+    x: Array
+    beyond: float
+    objective: float
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """Of two points the one with the smaller rank is better."""
+        return self.beyond, self.objective
+
+
+class _Enough(Exception):
+    """The search is over."""
+
+
+@dataclass(frozen=True)
+class _State:
+    """Scaled objective and slacks less the margin of a point, with their slopes."""
+
+    f: float
+    df: Array
+    g: Array
+    dg: Array
+
+
+class _Walk:
+    """A search: what it has seen, and the best of it."""
+
+    def __init__(self, see: Oracle, aim: Aim, limits: Sequence[Limit], search: Search) -> None:
+        self._see, self._aim, self._limits, self._search = see, aim, limits, search
+        self.best: Best | None = None
+        self.hurry = False  # the first point that is allowed will do
+        self._known: dict[bytes, _State] = {}
+        self._last: _State | None = None
+        self._scales: list[float] = []
+
+    def at(self, x: Array) -> _State:
+        """What is at a point; an invented bad value where nothing is."""
+        x = np.clip(x, 0, 1)
+        if (key := x.tobytes()) not in self._known:
+            if len(self._known) >= self._search.evaluations:
+                raise _Enough
+            seen = self._see(x)
+            if seen is not None:
+                self._last = self._known[key] = self._state(x, seen)
+            elif (last := self._last) is None:
+                raise _Enough
+            else:
+                bad = last.f + _FAR * (1 + abs(last.f))
+                self._known[key] = _State(bad, last.df, last.g - _FAR, last.dg)
+            if self.hurry and self.best is not None and not self.best.beyond:
+                raise _Enough
+        return self._known[key]
+
+    def _state(self, x: Array, seen: Seen) -> _State:
+        if not self._scales:
+            f = seen[self._aim.name][0]
+            self._scales = [abs(f) or 1.0, *(scale(limit, seen) for limit in self._limits)]
+        found = ranked(x, seen, self._aim, self._limits)
+        if self.best is None or found.rank < self.best.rank:
+            self.best = found
+        sign, n = self._aim.sign / self._scales[0], len(x)
+        known = list(zip(self._limits, self._scales[1:], strict=True))
+        values = {name: value for name, (value, _) in seen.items()}
+        g = np.array([limit.slack(values) / s for limit, s in known]) - self._search.margin
+        dg = np.array([-limit.sign * seen[limit.name][1] / s for limit, s in known])
+        f, df = seen[self._aim.name]
+        return _State(sign * f, sign * df, g, dg.reshape(len(known), n))
+
+
+def scale(limit: Limit, seen: Seen) -> float:
+    """By what slacks are divided: the limit, or the value if that is 0."""
+    return abs(limit.bound) or abs(seen[limit.name][0]) or 1.0
+
+
+def ranked(x: Array, seen: Seen, aim: Aim, limits: Sequence[Limit]) -> Best:
+    """What a point is worth."""
+    values = {name: value for name, (value, _) in seen.items()}
+    beyond = [-limit.slack(values) / scale(limit, seen) for limit in limits]
+    return Best(x, max(0.0, *beyond, 0.0), aim.sign * values[aim.name])
+
+
+def descend(
+    see: Oracle, aim: Aim, limits: Sequence[Limit], start: Array, search: Search
+) -> Best | None:
+    """The best point that a search from a start meets; None if the start has no values.
+
+    Args:
+        see: What is at a point; None if it has no values.
+        aim: The objective.
+        limits: What is allowed.
+        start: From 0 to 1 in each variable.
+        search: How it is done.
+    """
+    walk = _Walk(see, aim, limits, search)
+    try:
+        first = walk.at(start)
+        if not len(start):
+            return walk.best
+        if (first.g < 0).any():
+            walk.hurry = True
+            _into_limits(walk, start)
+        walk.hurry = False
+        assert walk.best is not None
+        end = _minimum(
+            walk.best.x,
+            lambda x: (walk.at(x).f, walk.at(x).df),
+            lambda x: (walk.at(x).g, walk.at(x).dg),
+            search,
+        )
+        for _ in range(3):  # the last steps may have ended a little beyond
+            here = walk.at(end)
+            if not (here.g < 0).any():
+                break
+            end = _nearest(here, np.clip(end, 0, 1), search)
+    except _Enough:
+        pass
+    return walk.best
+
+
+def _minimum(
+    start: Array,
+    objective: Callable[[Array], tuple[float, Array]],
+    slacks: Callable[[Array], tuple[Array, Array]],
+    search: Search,
+    most: float = 1.0,
+) -> Array:
+    from scipy.optimize import minimize
+
+    found = minimize(
+        lambda x: objective(x)[0],
+        start,
+        jac=lambda x: objective(x)[1],
+        method="SLSQP",
+        bounds=[(0.0, 1.0)] * (len(start) - 1) + [(0.0, most)],
+        constraints={"type": "ineq", "fun": lambda x: slacks(x)[0], "jac": lambda x: slacks(x)[1]},
+        options={"ftol": search.tolerance, "maxiter": search.evaluations},
+    )
+    return np.asarray(found.x)
+
+
+def _into_limits(walk: _Walk, start: Array) -> None:
+    """Make the worst excess t smaller until a point is allowed."""
+    excess = float(-walk.at(start).g.min()) + walk._search.margin
+    down = np.eye(len(start) + 1)[-1]
+
+    def slacks(z: Array) -> tuple[Array, Array]:
+        here = walk.at(z[:-1])
+        return here.g + z[-1], np.column_stack([here.dg, np.ones(len(here.g))])
+
+    try:
+        _minimum(
+            np.append(start, excess), lambda z: (z[-1], down), slacks, walk._search, 2 * excess
+        )
+    except _Enough:
+        if walk.best is None or walk.best.beyond:
+            raise
+
+
+def _nearest(here: _State, x: Array, search: Search) -> Array:
+    """The nearest point that is allowed, if slacks were linear."""
+    return _minimum(
+        x,
+        lambda y: (float((y - x) @ (y - x)), 2 * (y - x)),
+        lambda y: (here.g + here.dg @ (y - x) - search.margin, here.dg),
+        search.model_copy(update={"tolerance": 1e-12, "evaluations": 50}),
+    )
