@@ -10,10 +10,13 @@ from dealib.design.propagation import Probability, Samples
 
 # isort: split
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import stats
+from typer.testing import CliRunner
 
-from dealib.errors import NotConverged, ValueAt
+from dealib.cli.app import app
+from dealib.errors import ConfigError, NotConverged, ValueAt
 
 SMALL = Path(__file__).with_name("small.yaml")
 
@@ -26,6 +29,7 @@ SMALL = Path(__file__).with_name("small.yaml")
     [
         ({"mean": "40 um", "deviation": "1 um"}, 0.04, 0.001, 0.04 - 0.0006744898),
         ({"mean": "40 um", "deviation": "2.5 %"}, 0.04, 0.001, 0.04 - 0.0006744898),
+        ({"deviation": "10 %"}, 7, 0.7, 7 - 0.47214232),
         ({"min": "20 um", "max": "0.06 mm"}, 0.04, 0.04 / 12**0.5, 0.03),
         ({"min": "0 mm", "mode": "1 mm", "max": "1 mm"}, 2 / 3, 18**-0.5, 0.5),
         # mu and sigma of ln x: sigma^2 = ln(1 + 0.25), mu = ln 2 - sigma^2 / 2
@@ -41,7 +45,7 @@ SMALL = Path(__file__).with_name("small.yaml")
     ],
 )
 def test_distributions(given, mean, deviation, quarter):
-    found = Spread.model_validate(given).of("mm")
+    found = Spread.model_validate(given).of("mm", 7.0)
     assert found.mean() == pytest.approx(mean, rel=1e-6)
     assert found.std() == pytest.approx(deviation, rel=1e-6)
     assert found.ppf(0.25) == pytest.approx(quarter, rel=1e-6)
@@ -59,7 +63,13 @@ def test_distributions(given, mean, deviation, quarter):
         ),
         (
             {"mean": "1 mm", "deviation": "1 um", "min": "2 mm"},
-            *("mean", "hardly anything of it lies between min and max"),
+            *(None, "hardly anything of it lies between min and max"),
+        ),
+        ({"min": "1 mm", "mode": "2 mm"}, None, "a triangular distribution needs max"),
+        ({"mean": "1 mm", "mode": "2 mm"}, None, "a normal distribution needs deviation"),
+        (
+            {"mean": "1 mm", "deviation": "1 mm", "mode": "2 mm"},
+            *("mode", "is no key of a normal distribution"),
         ),
         ({"min": "1 mm", "max": "1 kV"}, "max", "'kV' is not a unit of that kind"),
         ({"min": "1 mm", "max": 2}, "max", "expected a unit such as 'mm'; '2' has no unit"),
@@ -67,8 +77,8 @@ def test_distributions(given, mean, deviation, quarter):
 )
 def test_impossible_distributions(given, where, said):
     with pytest.raises(ValueAt) as found:
-        Spread.model_validate(given).of("mm")
-    assert found.value.where == (where,)
+        Spread.model_validate(given).of("mm", 7.0)
+    assert found.value.where == (() if where is None else (where,))
     assert said in str(found.value)
 
 
@@ -106,7 +116,7 @@ def ishigami(x):
 
 @pytest.fixture(scope="module")
 def known_function():
-    variables = Joint(("a", "b", "c"), (stats.uniform(-np.pi, 2 * np.pi),) * 3)
+    variables = Joint(("a", "b", "c"), (stats.uniform(-np.pi, 2 * np.pi),) * 3, np.eye(3))
     return Samples.of(variables, ishigami, 256, seed=1)
 
 
@@ -129,11 +139,11 @@ def test_sobol_indices_of_a_known_function(known_function):
 
 def test_the_error_of_what_is_left_out(known_function):
     """The closed form against processes that have really been left without a sample."""
-    x, y, smooth = known_function._through("y")
+    x, y, smooth = known_function._known("y")
     missed = []
     for k in (3, 77, 200):
-        without = smooth.without(x, y, np.arange(len(y)) == k)
-        missed.append(y[k] - without.at(x[k : k + 1])[0])
+        others = np.arange(len(y)) != k
+        missed.append(y[k] - smooth.through(x[others], y[others]).mean(x[k : k + 1])[0])
     from scipy.linalg import cho_solve
 
     inverse = cho_solve((smooth.process.L_, True), np.eye(len(y)))
@@ -144,11 +154,11 @@ def test_the_error_of_what_is_left_out(known_function):
 def test_a_probability(known_function):
     x = np.random.default_rng(1).uniform(-np.pi, np.pi, (4_000_000, 3))
     exact = float((ishigami(x)["y"] > 10).mean())
-    found = known_function.above("y", 10)
+    found = known_function.beyond("y", 10, 1)
     assert found.low <= exact <= found.high
     assert found.value == pytest.approx(exact, rel=0.03)
     assert found.high - found.low < 0.3 * found.value
-    below = known_function.above("y", 10, sign=-1)
+    below = known_function.beyond("y", 10, -1)
     assert below.value == pytest.approx(1 - found.value)
 
 
@@ -177,39 +187,35 @@ def test_what_has_no_result_counts():
     def model(x):
         return {"y": np.where(x[:, 0] < 0.9, x[:, 0] + x[:, 1], np.nan)}
 
-    joint = Joint(("a", "b"), (stats.uniform(),) * 2)
+    joint = Joint(("a", "b"), (stats.uniform(),) * 2, np.eye(2))
     samples = Samples.of(joint, model, 64, seed=2)
     assert samples.unsolved.value == pytest.approx(0.1, abs=0.02)
     assert samples.unsolved.low < 0.1 < samples.unsolved.high
-    found = samples.above("y", 1.5)
+    found = samples.beyond("y", 1.5, 1)
     exact = 0.1 + 0.5 * 0.4**2  # x > 0.9, and x + y > 1.5 below it
     assert found.low < exact < found.high
     assert found.value == pytest.approx(exact, abs=0.03)
     assert samples.known("y").numbers["mean"][0] == pytest.approx(0.45 + 0.5, abs=0.02)
-    never = Samples.of(joint, lambda x: {"y": np.full(len(x), np.nan)}, 16)
-    with pytest.raises(NotConverged, match="only 0 of 16 cases are solved: too few"):
-        never.known("y")
+    with pytest.raises(NotConverged, match="only 0 of 16 samples have a result: too few"):
+        Samples.of(joint, lambda x: {"y": np.full(len(x), np.nan)}, 16)
 
 
 def test_what_no_process_foretells_is_told_by_the_samples():
     noise = np.random.default_rng(3).normal(5, 2, 128)
-    joint = Joint(("a", "b"), (stats.uniform(),) * 2)
+    joint = Joint(("a", "b"), (stats.uniform(),) * 2, np.eye(2))
     samples = Samples.of(joint, lambda x: {"y": noise}, 128)
     known = samples.known("y")
     assert known.explained < 0.3
     assert known.numbers["mean"][0] == pytest.approx(noise.mean())
     assert known.numbers["deviation"][0] == pytest.approx(noise.std(ddof=1))
     assert known.numbers["mean"][1] == pytest.approx(1.96 * noise.std() / 128**0.5, rel=0.7)
-    assert samples.above("y", 5).value == (noise > 5).mean()
+    assert samples.beyond("y", 5, 1).value == (noise > 5).mean()
 
 
 def test_probabilities():
-    assert Probability.of(100, 0).value == 0
-    assert Probability.of(100, 0).high == pytest.approx(0.037, abs=1e-3)  # Wilson's of 0 of 100
-    half = Probability(0.5, 0.4, 0.6)
-    assert half.or_(Probability(0.5, 0.4, 0.6)) == Probability(
-        0.75, pytest.approx(0.64), pytest.approx(0.84)
-    )
+    assert Probability.of(100, 0, 0, 0).value == 0
+    assert Probability.of(100, 0, 0, 0).high == pytest.approx(0.037, abs=1e-3)  # Wilson's
+    assert Probability.of(100, 50, 40, 60).low == pytest.approx(0.309, abs=1e-3)
 
 
 # --- breakdown by chance -------------------------------------------------------------------------
@@ -247,3 +253,121 @@ def test_the_weakest_link_is_in_the_strongest_field():
     *_, state = dealib.Simulation(dealib.load(SMALL, soft))
     use = (state.row["field_max_MV_per_m"] / 80) ** 12 * np.pi * 80 * 0.05 / 100
     assert 0.01 * use < -np.log1p(-state.row["failure_probability"]) < use
+
+
+# --- designs -------------------------------------------------------------------------------------
+
+DESIGN = """\
+base: {small}
+description: A strip of known scatter
+set: {{mesh.columns: 4, program.0.steps: 1, program.1: '{program}'}}
+variables:
+  geometry.film_thickness: {{mean: 50 um, deviation: 0.2 um}}
+  materials.film.youngs_modulus: {{deviation: 0.5 %}}
+  program.1.terminal.voltage: {{min: 1.995 kV, max: 2.005 kV}}
+correlations:
+  - {{between: [geometry.film_thickness, materials.film.youngs_modulus], coefficient: -0.6}}
+breakdown: {{strength: 80 MV/m, shape: 12, volume: 100 mm^3}}
+quantities:
+  force: end(force_N, "actuate")
+  failure: max(failure_probability)
+subject_to: ['force <= -0.09', '0 <= max(charge_uC) <= 1']
+sampling: {{samples: 16, seed: 3}}
+"""
+PROGRAM = "{stage: actuate, terminal: {voltage: 2 kV}, steps: 1}"
+
+
+def write(folder, text=DESIGN, name="strip.yaml", **changes):
+    path = folder / name
+    text = text.format(small=SMALL, program=PROGRAM)
+    for old, new in changes.values():
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture(scope="module")
+def solved(tmp_path_factory):
+    """A design, the tables of `dealib.uncertainty`, and the cache of its cases."""
+    folder = tmp_path_factory.mktemp("design")
+    path = write(folder)
+    return path, dealib.uncertainty(path, cache=folder / "cases"), folder / "cases"
+
+
+def command(*arguments):
+    return CliRunner().invoke(app, ["uncertainty", *map(str, arguments)])
+
+
+def test_a_device_that_is_linear_in_its_scatter(solved):
+    """Mean and deviation against linear propagation by slopes of one run (0.5 % of scatter).
+
+    The failure goes with E^12, so that its deviation of 5 % has a part of second order, 0.05^2.
+    """
+    summary = solved[1][0].set_index("quantity")
+    for name, tolerance in (("force", 5e-4), ("failure", 4e-3)):
+        row = summary.loc[name]
+        assert row["deviation"] == pytest.approx(row["linear_deviation"], rel=tolerance)
+        assert row["explained"] > 0.9999
+        assert row["q5"] < row["q50"] < row["q95"]
+    samples, force = solved[1][2], summary.loc["force"]
+    assert force["mean"] == pytest.approx(samples["force"].mean(), abs=0.1 * force["deviation"])
+    assert force["deviation_error"] < 0.01 * force["deviation"]
+
+
+def test_the_scatter_is_that_of_the_file(solved):
+    samples = solved[1][2]
+    assert list(samples) == [
+        *("sample", "geometry.film_thickness [um]", "materials.film.youngs_modulus [MPa]"),
+        *("program.1.terminal.voltage [kV]", "force", "failure", "max(charge_uC)", "error"),
+    ]
+    assert (samples["error"] == "").all()
+    thickness, modulus, voltage = (samples.iloc[:, k] for k in (1, 2, 3))
+    assert thickness.mean() == pytest.approx(50, abs=0.05)
+    assert modulus.mean() == pytest.approx(1, abs=0.001)  # the base's value
+    assert np.corrcoef(thickness, modulus)[0, 1] == pytest.approx(-0.6, abs=0.15)
+    assert voltage.between(1.995, 2.005).all()
+    assert voltage.mean() == pytest.approx(2, abs=5e-4)
+
+
+def test_sobol_indices_of_a_device(solved):
+    """Breakdown follows the field, E ~ V/H: scatter of the modulus alone changes nothing."""
+    sobol = solved[1][1].set_index(["quantity", "key"])
+    total = sobol.loc["failure", "total"]
+    assert total["geometry.film_thickness"] > 0.5
+    assert total["materials.film.youngs_modulus"] < 0.01
+    # it is correlated with the thickness: alone it tells 0.36 of what the thickness does
+    first = sobol.loc["failure", "first"]
+    ratio = first["materials.film.youngs_modulus"] / first["geometry.film_thickness"]
+    assert ratio == pytest.approx(0.36, abs=0.02)
+
+
+def test_the_command_solves_nothing_again(solved, tmp_path):
+    path, (summary, sobol, samples), cache = solved
+    done = command(path, "--cache", cache, "--out", tmp_path / "out")
+    assert done.exit_code == 0, done.output
+    assert done.output.startswith("strip: 0 cases to solve\n")
+    for name, table in (("summary", summary), ("sobol", sobol), ("samples", samples)):
+        written = pd.read_csv(tmp_path / "out" / f"{name}.csv", float_precision="round_trip")
+        assert list(written) == list(table)
+        for column in table.select_dtypes("number"):
+            assert np.array_equal(written[column], table[column], equal_nan=True), column
+    assert (tmp_path / "out" / "uncertainty.png").stat().st_size > 10_000
+    assert "(by the slopes at the means " in done.output
+    assert "max(charge_uC) >= 0 is not met: 0 % (95 %: 0 to 0.0234 %)" in done.output
+    again = command(path, "--cache", cache, "--out", tmp_path / "out")
+    assert isinstance(again.exception, ConfigError)
+    assert "summary.csv exists; choose another --out, or --overwrite it" in str(again.exception)
+
+
+def test_a_limit_at_the_median_is_missed_by_half(solved, tmp_path):
+    path, (summary, _, _), cache = solved
+    median = summary.set_index("quantity").loc["force", "q50"]
+    text = path.read_text().replace("force <= -0.09", f"force <= {float(median)!r}")
+    other = tmp_path / "median.yaml"
+    other.write_text(text)
+    found, _, _ = dealib.uncertainty(other, cache=cache)
+    row = found.iloc[2]
+    assert row["quantity"].startswith("force <= ")
+    assert row["probability"] == pytest.approx(0.5, abs=0.01)
+    assert row["probability_low"] < 0.5 < row["probability_high"]

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from dealib.data.schema import Amount
 from dealib.errors import ValueAt
@@ -16,7 +15,7 @@ from dealib.results.elements import Array
 from dealib.section import Section
 from dealib.units import convert
 
-_GIVEN = {
+_NEEDED = {
     "normal": ("mean", "deviation"),
     "lognormal": ("mean", "deviation"),
     "uniform": ("min", "max"),
@@ -27,72 +26,73 @@ _GIVEN = {
 class Spread(Section):
     """How a number scatters: `{mean, deviation}` is normal, `{min, max}` uniform."""
 
-    mean: Amount | None = Field(None, description="such as '40 um'")
+    mean: Amount | None = Field(None, description="such as '40 um'; default the value of the base")
     deviation: Amount | None = Field(None, description="standard deviation; '3 %' is of the mean")
-    min: Amount | None = Field(None, description="least value; of a normal one, where it is cut")
+    min: Amount | None = Field(None, description="least value; a normal distribution is cut there")
     max: Amount | None = Field(None, description="largest value; likewise")
-    mode: Amount | None = Field(None, description="most likely value of a triangular one")
+    mode: Amount | None = Field(None, description="most likely value of a triangular distribution")
     distribution: Literal["normal", "lognormal", "uniform", "triangular"] | None = Field(
-        None, description="default normal with a mean, triangular with a mode, else uniform"
+        None, description="default normal with a deviation, triangular with a mode, else uniform"
     )
 
     @property
     def kind(self) -> str:
         """Name of the distribution."""
-        if self.distribution is not None:
-            return self.distribution
-        return "normal" if self.mean else "triangular" if self.mode else "uniform"
+        normal = self.mean is not None or self.deviation is not None
+        usual = "normal" if normal else "triangular" if self.mode is not None else "uniform"
+        return self.distribution or usual
 
-    @model_validator(mode="after")
-    def _complete(self) -> Spread:
-        known, cut = _GIVEN[self.kind], ("min", "max") if self.kind == "normal" else ()
-        for name in known:
-            if getattr(self, name) is None:
-                raise ValueError(f"a {self.kind} distribution needs {' and '.join(known)}")
-        for name in ("mean", "deviation", "min", "max", "mode"):
-            if getattr(self, name) is not None and name not in (*known, *cut):
-                raise ValueAt((name,), f"is no key of a {self.kind} distribution")
-        return self
+    @property
+    def scatters(self) -> bool:
+        """Whether it is more than bounds."""
+        return self.distribution is not None or self.kind != "uniform"
 
-    def of(self, unit: str) -> Any:
-        """The distribution of `scipy.stats` in a unit.
+    def of(self, unit: str, usual: float) -> Any:
+        """The distribution, of `scipy.stats`.
+
+        Args:
+            unit: In which its values are.
+            usual: The mean if none is given.
 
         Raises:
-            ValueAt: If a number cannot be had in the unit, or there is no such distribution.
+            ValueAt: If it lacks a key, has one too many, or cannot be.
         """
         from scipy import stats
 
-        v: dict[str, float] = {}
+        kind, v = self.kind, {"mean": usual, "min": -np.inf, "max": np.inf}
         for name in ("mean", "deviation", "min", "mode", "max"):
-            amount = getattr(self, name)
+            amount, needed = getattr(self, name), name in _NEEDED[kind]
+            if amount is None and needed and name != "mean":
+                raise ValueAt((), f"a {kind} distribution needs {name}")
             if amount is None:
                 continue
+            if not needed and (kind != "normal" or name == "mode"):
+                raise ValueAt((name,), f"is no key of a {kind} distribution")
             try:
-                relative = name == "deviation" and amount[1] == "%"
-                v[name] = amount[0] / 100 * abs(v["mean"]) if relative else convert(amount, unit)
+                of_mean = name == "deviation" and amount[1] == "%"
+                v[name] = amount[0] / 100 * abs(v["mean"]) if of_mean else convert(amount, unit)
             except ValueError as error:
                 raise ValueAt((name,), str(error)) from None
-        if not v.get("deviation", 1.0) > 0:
-            raise ValueAt(("deviation",), "must be above 0")
-        low, high = v.get("min", -np.inf), v.get("max", np.inf)
+        m, low, high, s, mode = v["mean"], v["min"], v["max"], v.get("deviation"), v.get("mode")
         if not low < high:
             raise ValueAt(("max",), "must be above min")
-        if self.kind == "uniform":
-            return stats.uniform(low, high - low)
-        if self.kind == "triangular":
-            if not low <= v["mode"] <= high:
+        if mode is not None:
+            if not low <= mode <= high:
                 raise ValueAt(("mode",), "must lie between min and max")
-            return stats.triang((v["mode"] - low) / (high - low), low, high - low)
-        m, s = v["mean"], v["deviation"]
-        if self.kind == "normal":
-            a, b = (low - m) / s, (high - m) / s
-            if np.diff(stats.norm.cdf([a, b])) < 1e-6:
-                raise ValueAt(("mean",), "hardly anything of it lies between min and max")
-            return stats.truncnorm(a, b, m, s) if np.isfinite([a, b]).any() else stats.norm(m, s)
-        if m <= 0:
-            raise ValueAt(("mean",), "must be above 0 where the distribution is lognormal")
-        wide = np.log1p((s / m) ** 2)
-        return stats.lognorm(np.sqrt(wide), scale=m * np.exp(-wide / 2))
+            return stats.triang((mode - low) / (high - low), low, high - low)
+        if s is None:
+            return stats.uniform(low, high - low)
+        if s <= 0:
+            raise ValueAt(("deviation",), "must be above 0")
+        if kind == "lognormal":
+            if m <= 0:
+                raise ValueAt(("mean",), "must be above 0 where the distribution is lognormal")
+            wide = np.log1p((s / m) ** 2)
+            return stats.lognorm(np.sqrt(wide), scale=m * np.exp(-wide / 2))
+        ends = (np.array([low, high]) - m) / s
+        if np.diff(stats.norm.cdf(ends)) < 1e-6:
+            raise ValueAt((), "hardly anything of it lies between min and max")
+        return stats.truncnorm(*ends, m, s) if np.isfinite(ends).any() else stats.norm(m, s)
 
 
 class Correlation(Section):
@@ -108,56 +108,44 @@ class Joint:
 
     Attributes:
         names: Of them.
-        distributions: Of each, frozen ones of `scipy.stats`.
-        correlation: Matrix of the normal scores; None if they are independent.
+        distributions: Of each, of `scipy.stats`.
+        correlation: Matrix of their normal scores.
     """
 
     names: tuple[str, ...]
     distributions: tuple[Any, ...]
-    correlation: Array | None = None
+    correlation: Array
 
     @property
-    def matrix(self) -> Array:
-        """The correlations of the normal scores."""
-        return np.eye(len(self.names)) if self.correlation is None else self.correlation
+    def means(self) -> Array:
+        """Mean of each."""
+        return np.array([d.mean() for d in self.distributions])
 
-    @cached_property
-    def moments(self) -> tuple[Array, Array]:
-        """Means and deviations."""
-        return tuple(np.array([m(d) for d in self.distributions]) for m in (_mean, _std))  # type: ignore[return-value]
+    @property
+    def deviations(self) -> Array:
+        """Standard deviation of each."""
+        return np.array([d.std() for d in self.distributions])
 
     def of(self, scores: Array, order: Sequence[int] | None = None) -> Array:
         """Values at independent normal scores, (n, variables).
 
         Args:
-            scores: One column a variable, in the order given: a variable depends on the scores of
-                those before it, and on its own.
-            order: Of the variables; default as they are.
+            scores: A variable depends on its own and on those before it.
+            order: Of the variables in `scores`; default as they are.
         """
-        order = list(range(len(self.names)) if order is None else order)
         from scipy.special import ndtr
 
+        order = list(range(len(self.names))) if order is None else list(order)
         found = np.empty_like(scores)
-        found[:, order] = scores @ np.linalg.cholesky(self.matrix[np.ix_(order, order)]).T
-        share = np.clip(ndtr(found), 1e-15, 1 - 1e-15)
-        return np.stack([d.ppf(share[:, k]) for k, d in enumerate(self.distributions)], axis=1)
-
-
-def _mean(distribution: Any) -> float:
-    return float(distribution.mean())
-
-
-def _std(distribution: Any) -> float:
-    return float(distribution.std())
+        found[:, order] = scores @ np.linalg.cholesky(self.correlation[np.ix_(order, order)]).T
+        shares = np.clip(ndtr(found), 1e-15, 1 - 1e-15).T
+        return np.stack([d.ppf(u) for d, u in zip(self.distributions, shares, strict=True)], 1)
 
 
 def scores(count: int, dimension: int, seed: int) -> Array:
     """Independent normal scores, (count, dimension), by a scrambled Sobol sequence.
 
-    Args:
-        count: A power of two.
-        dimension: Of the sequence; the first points are those of a shorter one.
-        seed: Of the scrambling.
+    Fewer points, a power of two, are the first ones of more.
     """
     from scipy.special import ndtri
     from scipy.stats import qmc

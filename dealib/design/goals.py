@@ -60,8 +60,12 @@ class Goals:
         return min((limit.slack(values) for limit in self.limits), default=0.0)
 
 
-def goals(plan: Plan) -> Goals:
+def goals(plan: Plan, searched: bool = True) -> Goals:
     """The goals of a design.
+
+    Args:
+        plan: The design.
+        searched: Whether its best is looked for, which needs an objective, and bounds.
 
     Raises:
         ConfigError: If one cannot be, with its place in the file.
@@ -82,7 +86,11 @@ def goals(plan: Plan) -> Goals:
         )
         for k, text in enumerate(texts)
     ]
-    if not 1 <= len(aims) <= 2:
+    for name, variable in design.variables.items() if searched else ():
+        if variable.scatters:
+            said = "a distribution is for `dealib uncertainty`; give min and max, or choices"
+            raise plan.fault(("variables", name), said, "key")
+    if searched and not 1 <= len(aims) <= 2:
         where = ("maximise",) if design.maximise else ("minimise",)
         raise plan.fault(where, "one or two objectives are needed, in maximise and minimise")
     limits: list[Limit] = []

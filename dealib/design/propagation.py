@@ -2,50 +2,43 @@
 
 The samples' Gaussian process (`surrogate`) is integrated over the distributions. Sobol indices are
 those of variables that may be correlated: first = Var E[y | x] / Var y, total = E Var[y | others] /
-Var y (S. Kucherenko, S. Tarantola and P. Annoni, Comput. Phys. Commun. 183 (2012) 937, Eqs. 2.6 to
-2.12), with the estimator of A. Janon et al., ESAIM: P&S 18 (2014) 342, Eq. 6, for the first. Errors
-are 95 % ones of a jackknife: the same again without each eighth of the samples.
+Var y (S. Kucherenko, S. Tarantola and P. Annoni, Comput. Phys. Commun. 183 (2012) 937), the first
+with the estimator of A. Janon et al., ESAIM: P&S 18 (2014) 342. Errors are 95 % ones of a
+jackknife, the same again without each eighth of the samples, and the change from half of the
+points of the integrals.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from dealib.design.distributions import Joint, scores
-from dealib.design.surrogate import fit
+from dealib.design.surrogate import Surrogate, fit
 from dealib.errors import NotConverged
 from dealib.results.elements import Array
 
-_POINTS = 2**14  # of the distributions that a process is evaluated at
-_FEWER = 2**12  # of them, for errors
+_POINTS, _FEWER = 2**14, 2**12  # that a process is integrated at, and for the jackknife
 _GROUPS = 8
 _SURE = 1.96  # deviations of a 95 % interval
 TRUSTED = 0.9  # share of the variance below which intervals are those of the samples
+Told = dict[str, tuple[float, float]]  # a number and the half width of its 95 % interval
 
 
-@dataclass(frozen=True)
-class Known:
-    """What is known of a quantity, each number with the half width of its 95 % interval.
-
-    Attributes:
-        explained: See `Surrogate`.
-        numbers: Mean, deviation and quantiles.
-        first: Sobol indices by variable.
-        total: Likewise.
-    """
+class Known(NamedTuple):
+    """What is known of a quantity: share foretold (see `Surrogate`), intervals, Sobol indices."""
 
     explained: float
-    numbers: dict[str, tuple[float, float]]
-    first: dict[str, tuple[float, float]]
-    total: dict[str, tuple[float, float]]
+    numbers: Told
+    first: Told
+    total: Told
 
 
-@dataclass(frozen=True)
-class Probability:
+class Probability(NamedTuple):
     """Of an event, with its 95 % interval."""
 
     value: float
@@ -53,18 +46,12 @@ class Probability:
     high: float
 
     @classmethod
-    def of(cls, among: int, count: float, low: float = -1, high: float = -1) -> Probability:
-        """From how many of some points it happens at, and at how many at least and at most."""
+    def of(cls, among: int, count: int, least: int, most: int) -> Probability:
+        """From at how many of some points it happens, and at how many at least and at most."""
         from scipy.stats import binomtest
 
-        ends = [count if k < 0 else k for k in (low, high)]
-        sure = [binomtest(int(k), among).proportion_ci(method="wilson") for k in ends]
-        return cls(count / among, float(sure[0].low), float(sure[1].high))
-
-    def or_(self, other: Probability) -> Probability:
-        """Of this event, or of the other one, which this one knows nothing of."""
-        pairs = ((self.value, other.value), (self.low, other.low), (self.high, other.high))
-        return Probability(*(a + (1 - a) * b for a, b in pairs))
+        low, high = (binomtest(k, among).proportion_ci(method="wilson") for k in (least, most))
+        return cls(count / among, float(low.low), float(high.high))
 
 
 @dataclass(frozen=True)
@@ -74,7 +61,7 @@ class Samples:
     Attributes:
         joint: The distributions.
         x: Points (n, variables).
-        values: By quantity, (n,); NaN where a case has no result.
+        values: By quantity, (n,); NaN where there is no result.
         seed: Of the points.
         levels: Of the quantiles, from 0 to 1.
     """
@@ -82,9 +69,8 @@ class Samples:
     joint: Joint
     x: Array
     values: Mapping[str, Array]
-    seed: int = 0
+    seed: int
     levels: tuple[float, ...] = (0.05, 0.5, 0.95)
-    _cached: dict[str, Any] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -93,7 +79,7 @@ class Samples:
         model: Callable[[Array], Mapping[str, Array]],
         count: int,
         seed: int = 0,
-        levels: Sequence[float] = (0.05, 0.5, 0.95),
+        levels: tuple[float, ...] = (0.05, 0.5, 0.95),
     ) -> Samples:
         """Evaluate a model at points of the distributions.
 
@@ -103,11 +89,17 @@ class Samples:
             count: Number of points, a power of two.
             seed: Of their scrambling.
             levels: Of quantiles.
+
+        Raises:
+            NotConverged: If too few points have a result.
         """
         x = joint.of(scores(count, len(joint.names), seed))
-        return cls(joint, x, model(x), seed, tuple(levels))
+        found = cls(joint, x, model(x), seed, levels)
+        if (n := found.solved.sum()) < max(_GROUPS, 2 * len(joint.names) + 2):
+            raise NotConverged(f"only {n} of {count} samples have a result: too few")
+        return found
 
-    @property
+    @cached_property
     def solved(self) -> Any:
         """Which points have a result."""
         return np.isfinite(list(self.values.values())).all(axis=0)
@@ -115,100 +107,76 @@ class Samples:
     @property
     def unsolved(self) -> Probability:
         """That there is no result."""
-        return Probability.of(len(self.x), int((~self.solved).sum()))
+        count = int((~self.solved).sum())
+        return Probability.of(len(self.x), count, count, count)
 
     def known(self, name: str) -> Known:
-        """What is known of a quantity.
+        """What is known of a quantity."""
+        x, y, smooth = self._known(name)
+        trusted, group = smooth.explained >= TRUSTED, np.arange(len(y)) % _GROUPS
 
-        Raises:
-            NotConverged: If too few samples have a result.
-        """
-        x, y, smooth = self._through(name)
-        points, pairs = self._inside, self._pairs
-        trusted = smooth.explained >= TRUSTED
-        group = np.arange(len(y)) % _GROUPS
-
-        def numbers(process: Any, kept: Any, count: int) -> Array:
-            of = process.at(points[:count]) if trusted else y[kept]
+        def numbers(process: Surrogate, kept: Any, count: int = _POINTS) -> Array:
+            of = process.mean(self._inside[:count]) if trusted else y[kept]
+            indices = _indices(process.mean(self._pairs[:, :count]))
             spread = of.std(ddof=0 if trusted else 1)
-            some = pairs[:, :count]
-            indices = _indices(process.at(some.reshape(-1, x.shape[1])).reshape(some.shape[:2]))
             return np.array([of.mean(), spread, *np.quantile(of, self.levels), *indices])
 
-        best = numbers(smooth, group < _GROUPS, _POINTS)
-        fewer = (smooth.without(x, y, group == k) for k in range(_GROUPS))
-        again = [numbers(process, group != k, _FEWER) for k, process in enumerate(fewer)]
-        error = _SURE * np.sqrt((_GROUPS - 1) * np.var(again, axis=0))
+        best, half = (numbers(smooth, group < _GROUPS, n) for n in (_POINTS, _POINTS // 2))
+        parts = (group != k for k in range(_GROUPS))
+        again = [numbers(smooth.through(x[p], y[p]), p, _FEWER) for p in parts]
+        error = np.hypot(_SURE * np.sqrt((_GROUPS - 1) * np.var(again, axis=0)), best - half)
         names = ["mean", "deviation", *(f"q{100 * q:g}" for q in self.levels)]
-        found = list(zip(best.tolist(), error.tolist(), strict=True))
-        a, b = len(names), len(names) + len(self.joint.names)
-        parts = ((names, found[:a]), (self.joint.names, found[a:b]), (self.joint.names, found[b:]))
-        return Known(smooth.explained, *(dict(zip(*p, strict=True)) for p in parts))
+        found = iter(zip(best.tolist(), error.tolist(), strict=True))
+        of = (dict(zip(n, found, strict=False)) for n in (names, *[self.joint.names] * 2))
+        return Known(smooth.explained, *of)
 
-    def above(self, name: str, bound: float = 0.0, sign: int = 1) -> Probability:
+    def beyond(self, name: str, bound: float, sign: int) -> Probability:
         """That a quantity is above a bound, or with the sign -1 below it, or has no result."""
-        _, y, smooth = self._through(name)
+        _, y, smooth = self._known(name)
+        of, spread = y, np.zeros(len(y))
         if smooth.explained >= TRUSTED:
-            of, spread = smooth.at(self._inside), _SURE * smooth.spread(self._inside)
-        else:
-            of, spread = y, np.zeros(len(y))
-        over = sign * (of - bound)
-        counts = (int((over + k * spread > 0).sum()) for k in (0, -1, 1))
-        return self._or_unsolved(Probability.of(len(of), *counts))
-
-    def _or_unsolved(self, found: Probability) -> Probability:
-        return self.unsolved.or_(found) if not self.solved.all() else found
+            of, spread = smooth.at(self._inside)
+        over = (sign * (of - bound) + k * _SURE * spread > 0 for k in (0, -1, 1))
+        found = Probability.of(len(of), *(int(o.sum()) for o in over))
+        if self.solved.all():
+            return found
+        return Probability(*(a + (1 - a) * b for a, b in zip(self.unsolved, found, strict=True)))
 
     # --- points of the size of 1 -----------------------------------------------------------------
 
     def _plain(self, x: Array) -> Array:
-        mean, deviation = self.joint.moments
-        return (x - mean) / deviation
+        return np.asarray((x - self.joint.means) / self.joint.deviations)
 
-    def _once(self, what: str, make: Callable[[], Any]) -> Any:
-        if what not in self._cached:
-            self._cached[what] = make()
-        return self._cached[what]
+    @cached_property
+    def _processes(self) -> dict[str, Surrogate]:
+        return {}
 
-    def _through(self, name: str) -> tuple[Array, Array, Any]:
-        """Solved samples, their values, and the process through them."""
-        solved = self.solved
-        if solved.sum() < max(_GROUPS, 2 * len(self.joint.names) + 2):
-            raise NotConverged(f"only {solved.sum()} of {len(solved)} cases are solved: too few")
-        x, y = self._plain(self.x[solved]), self.values[name][solved]
-        return x, y, self._once(f"process {name}", lambda: fit(x, y))
+    def _known(self, name: str) -> tuple[Array, Array, Surrogate]:
+        """Samples with a result, their values, and the process through them."""
+        x, y = self._plain(self.x[self.solved]), self.values[name][self.solved]
+        if name not in self._processes:
+            self._processes[name] = fit(x, y)
+        return x, y, self._processes[name]
 
-    @property
+    @cached_property
     def _inside(self) -> Array:
         """Points of the distributions, without those whose nearest sample has no result."""
+        from scipy.spatial import cKDTree
 
-        def make() -> Array:
-            from scipy.spatial import cKDTree
+        every = self._plain(self.joint.of(scores(_POINTS, self.x.shape[1], self.seed + 1)))
+        return every[self.solved[cKDTree(self._plain(self.x)).query(every)[1]]]
 
-            every = self._plain(
-                self.joint.of(scores(_POINTS, len(self.joint.names), self.seed + 1))
-            )
-            return np.asarray(every[self.solved[cKDTree(self._plain(self.x)).query(every)[1]]])
-
-        return np.asarray(self._once("inside", make))
-
-    @property
+    @cached_property
     def _pairs(self) -> Array:
         """Points in pairs that share one variable, or all the others, (4 a variable, n, ...)."""
-
-        def make() -> Array:
-            count = len(self.joint.names)
-            z = scores(_POINTS, 2 * count, self.seed + 2)
-            a, b = z[:, :count], z[:, count:]
-            found = []
-            for k in range(count):
-                rest = [j for j in range(count) if j != k]
-                same, own = np.hstack([a[:, :1], b[:, 1:]]), np.hstack([a[:, :-1], b[:, -1:]])
-                found += [self.joint.of(s, [k, *rest]) for s in (a, same)]
-                found += [self.joint.of(s, [*rest, k]) for s in (a, own)]
-            return self._plain(np.array(found))
-
-        return np.asarray(self._once("pairs", make))
+        count, found = self.x.shape[1], list[Array]()
+        a, b = np.split(scores(_POINTS, 2 * count, self.seed + 2), 2, axis=1)
+        for k in range(count):
+            rest = [j for j in range(count) if j != k]
+            same, own = np.hstack([a[:, :1], b[:, 1:]]), np.hstack([a[:, :-1], b[:, -1:]])
+            found += [self._plain(self.joint.of(z, [k, *rest])) for z in (a, same)]
+            found += [self._plain(self.joint.of(z, [*rest, k])) for z in (a, own)]
+        return np.array(found)
 
 
 def _indices(values: Array) -> Array:

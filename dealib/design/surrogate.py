@@ -10,7 +10,7 @@ import numpy as np
 
 from dealib.results.elements import Array
 
-_TUNED = 256  # samples whose likelihood chooses the lengths of a process; it grows with their cube
+_TUNED = 256  # samples whose likelihood chooses the lengths of a process; its cost is their cube
 _ROWS = 4096  # points that are predicted at once
 
 
@@ -26,66 +26,50 @@ class Surrogate:
     process: Any
     explained: float
 
-    def at(self, x: Array) -> Array:
-        """Its mean at points (n, variables)."""
-        parts = range(0, len(x), _ROWS)
-        return np.concatenate([self.process.predict(x[k : k + _ROWS]) for k in parts])
+    def at(self, x: Array) -> tuple[Array, Array]:
+        """Its mean and its standard deviation at points (n, variables)."""
+        parts = (x[k : k + _ROWS] for k in range(0, len(x), _ROWS))
+        found = [self.process.predict(part, return_std=True) for part in parts]
+        return np.concatenate([m for m, _ in found]), np.concatenate([s for _, s in found])
 
-    def spread(self, x: Array) -> Array:
-        """Its standard deviation there."""
-        parts = range(0, len(x), _ROWS)
-        found = [self.process.predict(x[k : k + _ROWS], return_std=True)[1] for k in parts]
-        return np.concatenate(found)
+    def mean(self, x: Array) -> Array:
+        """Its mean at points (..., variables)."""
+        flat = x.reshape(-1, x.shape[-1])
+        parts = (flat[k : k + _ROWS] for k in range(0, len(flat), _ROWS))
+        return np.concatenate([self.process.predict(p) for p in parts]).reshape(x.shape[:-1])
 
-    def without(self, x: Array, y: Array, left_out: Any) -> Surrogate:
-        """The same through fewer samples, with the lengths that it has.
-
-        Args:
-            x: Of all samples.
-            y: Their values.
-            left_out: Which of them are left out, (n,).
-        """
-        process = _process(self.process.kernel_, None).fit(x[~left_out], y[~left_out])
-        return Surrogate(process, self.explained)
+    def through(self, x: Array, y: Array) -> Surrogate:
+        """One with the same lengths through other samples."""
+        return Surrogate(_process(self.process.kernel_, None).fit(x, y), self.explained)
 
 
 def fit(x: Array, y: Array) -> Surrogate:
     """The process that foretells samples best, of a very smooth one and a rougher one.
 
+    The error of what is left out has a closed form (O. Dubrule, Math. Geol. 15 (1983) 687; C. E.
+    Rasmussen and C. K. I. Williams, Gaussian Processes for Machine Learning (2006), Eq. 5.12).
+
     Args:
         x: Points (n, variables) of the size of 1.
         y: Values there.
     """
+    from scipy.linalg import cho_solve
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, WhiteKernel
 
-    lengths, bounds = np.full(x.shape[1], 3.0), (0.05, 1e3)
-    found = []
+    lengths, bounds, found = np.full(x.shape[1], 3.0), (0.05, 1e3), []
     for shape in (RBF(lengths, bounds), Matern(lengths, bounds, nu=2.5)):
         kernel = ConstantKernel(10.0, (1e-2, 1e6)) * shape + WhiteKernel(1e-6, (1e-10, 1.0))
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # a length at its bound: the variable does not matter
             tuned = _process(kernel, "fmin_l_bfgs_b").fit(x[:_TUNED], y[:_TUNED])
         process = _process(tuned.kernel_, None).fit(x, y)
-        found.append(Surrogate(process, _explained(process, y)))
+        inverse = cho_solve((process.L_, True), np.eye(len(y)))
+        missed = np.ravel(process.alpha_) / np.diag(inverse)  # of values of variance 1
+        found.append(Surrogate(process, float(1 - (missed**2).mean())))
     return max(found, key=lambda one: one.explained)
 
 
 def _process(kernel: Any, optimizer: str | None) -> Any:
     from sklearn.gaussian_process import GaussianProcessRegressor
 
-    return GaussianProcessRegressor(
-        kernel, alpha=1e-10, optimizer=optimizer, normalize_y=True, random_state=0
-    )
-
-
-def _explained(process: Any, y: Array) -> float:
-    """By the closed form of what is left out.
-
-    (O. Dubrule, Math. Geol. 15 (1983) 687; C. E. Rasmussen and C. K. I. Williams, Gaussian
-    Processes for Machine Learning (2006), Eq. 5.12.)
-    """
-    from scipy.linalg import cho_solve
-
-    inverse = cho_solve((process.L_, True), np.eye(len(y)))
-    missed = np.ravel(process.alpha_) / np.diag(inverse)  # of values of variance 1
-    return float(1 - (missed**2).mean())
+    return GaussianProcessRegressor(kernel, optimizer=optimizer, normalize_y=True)
