@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import dealib
@@ -12,6 +15,7 @@ from dealib.design.propagation import Probability, Samples
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import CONFIGS
 from scipy import stats
 from typer.testing import CliRunner
 
@@ -371,3 +375,135 @@ def test_a_limit_at_the_median_is_missed_by_half(solved, tmp_path):
     assert row["quantity"].startswith("force <= ")
     assert row["probability"] == pytest.approx(0.5, abs=0.01)
     assert row["probability_low"] < 0.5 < row["probability_high"]
+
+
+# --- what goes wrong -----------------------------------------------------------------------------
+
+THICKNESS = "{mean: 50 um, deviation: 0.2 um}"
+MISTAKES = [  # what is written instead of what, line and column, what is said
+    (THICKNESS, "{mean: 50 um}", "5:28: variables.geometry.film_thickness: a normal distribution "
+     "needs deviation"),
+    (THICKNESS, "{mean: 50 um, deviation: 0 um}", "5:53: variables.geometry.film_thickness."
+     "deviation: must be above 0"),
+    (THICKNESS, "{mean: 50 kV, deviation: 1 um}", "5:35: variables.geometry.film_thickness.mean: "
+     "expected a unit such as 'mm'; 'kV'"),
+    (THICKNESS, "{mean: 50 um, deviation: 1 um, min: 60 um, max: 50 um}", "5:76: variables."
+     "geometry.film_thickness.max: must be above min"),
+    (THICKNESS, "{mean: 50 um, spread: 1 um}", "5:42: variables.geometry.film_thickness.spread: "
+     "unknown key"),
+    (THICKNESS, "{choices: [40 um, 50 um]}", "5:38: variables.geometry.film_thickness.choices: a "
+     "choice does not scatter; name a number"),
+    ("geometry.film_thickness: {mean", "geometry.film_thicknes: {mean", "5:3: variables.geometry."
+     "film_thicknes: the config has no number 'geometry.film_thicknes'; did you mean"),
+    ("materials.film.youngs_modulus]", "materials.film.prestretch]", "9:15: correlations.0.between:"
+     " 'materials.film.prestretch' is no variable"),
+    ("materials.film.youngs_modulus]", "geometry.film_thickness]", "9:15: correlations.0.between: "
+     "one variable, or a pair that is given twice"),
+    ("coefficient: -0.6", "coefficient: -1.2", "9:86: correlations.0.coefficient: must be "
+     "above -1, not -1.2"),
+    ("{strength: 80 MV/m, ", "{", "10:1: breakdown.strength: this key is missing"),
+    ("max(failure_probability)", "max(failure)", "13:12: quantities.failure: unknown name "
+     "'failure'"),
+    ("'force <= -0.09'", "'force'", "14:14: subject_to.0: 'force' compares nothing"),
+    ("samples: 16", "samples: 20", "15:21: sampling.samples: 20 is not allowed"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "said"), MISTAKES)
+def test_mistakes_are_told_with_their_place(old, new, said, tmp_path):
+    path = write(tmp_path, change=(old, new))
+    done = command(path, "--out", tmp_path / "out")
+    assert isinstance(done.exception, ConfigError), done.output
+    assert f"{path}:{said}" in str(done.exception)
+    assert not (tmp_path / "out").exists()
+
+
+def test_correlations_that_cannot_be(tmp_path):
+    pairs = [("a", "b", 0.9), ("b", "c", 0.9), ("a", "c", -0.9)]
+    names = dict(zip("abc", ("geometry.film_thickness", "materials.film.youngs_modulus",
+                             "program.1.terminal.voltage"), strict=True))  # fmt: skip
+    given = [f"{{between: [{names[a]}, {names[b]}], coefficient: {r}}}" for a, b, r in pairs]
+    path = write(tmp_path)
+    text, (start, rest) = path.read_text(), path.read_text().split("  - {between")
+    path.write_text(f"{start}  - " + "\n  - ".join(given) + rest[rest.index("\n") :])
+    assert path.read_text() != text
+    done = command(path)
+    assert f"{path}:8:1: correlations: no variables have all these" in str(done.exception)
+
+
+def test_a_sample_that_is_impossible(tmp_path):
+    path = write(tmp_path, change=(THICKNESS, "{mean: 50 um, deviation: 40 um}"))
+    done = command(path, "--cache", tmp_path / "cases")
+    assert isinstance(done.exception, ConfigError)
+    assert f"{path}:4:1: variables: sample " in str(done.exception)
+    assert "min and max keep a variable where it can be" in str(done.exception)
+
+
+def test_optimise_wants_bounds(tmp_path):
+    path = write(tmp_path, change=("quantities:", "maximise: force\nquantities:"))
+    done = CliRunner().invoke(app, ["optimise", str(path), "--out", str(tmp_path / "out")])
+    assert isinstance(done.exception, ConfigError)
+    assert f"{path}:5:3: variables.geometry.film_thickness: a distribution is for `dealib" in str(
+        done.exception
+    )
+
+
+def test_samples_beyond_pull_in_are_counted(tmp_path):
+    """Free of load the strip is pulled in between 4.6 and 5.4 kV."""
+    path = write(
+        tmp_path,
+        program=("voltage: 2 kV", "voltage: 5 kV"),
+        voltage=("{min: 1.995 kV, max: 2.005 kV}", "{min: 4 kV, max: 5.3 kV}"),
+        limits=("['force <= -0.09', '0 <= max(charge_uC) <= 1']", "['force <= 1000']"),
+    )
+    done = command(path, "--cache", tmp_path / "cases", "--out", tmp_path / "out", "-j", "1")
+    assert done.exit_code == 0, done.output
+    samples = pd.read_csv(tmp_path / "out" / "samples.csv")
+    lost = samples["error"].notna()
+    assert 1 <= lost.sum() <= 6
+    assert samples.loc[lost, "force"].isna().all()
+    assert samples.loc[~lost, "force"].notna().all()
+    assert samples.loc[lost].iloc[:, 3].min() > samples.loc[~lost].iloc[:, 3].max() - 0.2
+    assert samples.loc[lost, "error"].str.contains("pull-in").all()
+    said = f"{lost.sum()} of 16 samples have no result: they meet no limit"
+    assert said in done.output
+    summary = pd.read_csv(tmp_path / "out" / "summary.csv").set_index("quantity")
+    for row in ("no result", "force <= 1000"):
+        assert summary.loc[row, "probability"] == pytest.approx(lost.mean(), abs=1e-3)
+        assert summary.loc[row, "probability_low"] < lost.mean()
+        assert summary.loc[row, "probability_high"] > lost.mean()
+
+
+def test_an_interruption_keeps_what_is_solved(tmp_path):
+    path, cache = write(tmp_path, seed=("seed: 3", "seed: 4")), tmp_path / "cases"
+    words = [sys.executable, "-m", "dealib", "uncertainty", path, "--cache", cache, "-j", "1"]
+    out = ["--out", tmp_path / "out"]
+    job = subprocess.Popen([*words, *out], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+                           text=True, start_new_session=True)  # fmt: skip
+    assert job.stdout is not None
+    for line in job.stdout:
+        if line.startswith("3/17"):
+            job.send_signal(signal.SIGINT)
+            break
+    rest = job.communicate(timeout=60)[0]
+    assert job.returncode == 130
+    kept = len(list(cache.glob("*.json")))
+    assert 3 <= kept < 17
+    assert "solved cases are kept, the same command goes on with the others" in rest
+    assert not (tmp_path / "out").exists()
+    done = command(path, "--cache", cache, *out, "-j", "1")
+    assert done.exit_code == 0
+    assert done.output.startswith(f"strip: {17 - kept} cases to solve\n")
+
+
+def test_the_shipped_design(tmp_path):
+    """Its stroke scatters by 6 %, three quarters of it by the film's thickness."""
+    path = CONFIGS / "designs" / "scatter.yaml"
+    summary, sobol, samples = dealib.uncertainty(path, cache=tmp_path / "cases")
+    stroke = summary.set_index("quantity").loc["stroke"]
+    assert stroke["mean"] == pytest.approx(0.576, abs=0.002)
+    assert stroke["deviation"] == pytest.approx(stroke["linear_deviation"], rel=0.02)
+    assert stroke["deviation"] / stroke["mean"] == pytest.approx(0.062, abs=0.002)
+    first = sobol.set_index(["quantity", "key"]).loc["stroke", "first"]
+    assert first["geometry.film_thickness"] == pytest.approx(0.777, abs=0.01)
+    assert len(samples) == 16

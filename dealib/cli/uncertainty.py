@@ -40,20 +40,15 @@ def find_uncertainty(
 
     def solve(missing: Sequence[Job]) -> Iterator[Ended]:
         typer.echo(f"{plan.name}: {counted(len(missing), 'case')} to solve")
-        workers, done = min(jobs or cores(), len(missing)), 0
+        workers = min(jobs or cores(), len(missing))
         with watcher(workers, len(missing)) as watch, Pool(workers, watch) as pool:
-            try:
-                for ended in pool.solve(missing):
-                    done += 1
-                    yield ended
-            except Interrupted as stop:
-                raise Interrupted(
-                    f"{stop} after {done} of {len(missing)} cases, which are kept; the same "
-                    "command goes on with the others",
-                    stop.signal,
-                ) from None
+            yield from pool.solve(missing)
 
-    found = find(plan, cache, solve, retry)
+    try:
+        found = find(plan, cache, solve, retry)
+    except Interrupted as stop:
+        said = f"{stop}; solved cases are kept, the same command goes on with the others"
+        raise Interrupted(said, stop.signal) from None
     with guarded(directory):
         directory.mkdir(parents=True, exist_ok=True)
     tables = {spectra.SAMPLES: found.table, spectra.SOBOL: found.sobol}

@@ -211,11 +211,13 @@ class Plan:
             raise self.fault((*where, "choices"), "a choice does not scatter; name a number")
         key, unit = self.keys[name], self.unit(name)
         try:
-            return variable.of(unit, convert((key.value, key.unit), unit))
+            usual = convert((key.value, key.unit), unit)
+        except ValueError:  # the unit is none of this number's, as is told of its key below
+            usual, unit = key.value, key.unit
+        try:
+            return variable.of(unit, usual)
         except ValueAt as error:
             raise self.fault((*where, *error.where), str(error)) from None
-        except ValueError as error:
-            raise self.fault(where, str(error)) from None
 
     def fault(
         self, where: Path_, problem: str, at: Literal["key", "value"] = "value"
