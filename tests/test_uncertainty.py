@@ -121,7 +121,7 @@ def ishigami(x):
 @pytest.fixture(scope="module")
 def known_function():
     variables = Joint(("a", "b", "c"), (stats.uniform(-np.pi, 2 * np.pi),) * 3, np.eye(3))
-    return Samples.of(variables, ishigami, 256, seed=1)
+    return Samples(variables, ishigami, 256, seed=1)
 
 
 def test_sobol_indices_of_a_known_function(known_function):
@@ -147,7 +147,7 @@ def test_the_error_of_what_is_left_out(known_function):
     missed = []
     for k in (3, 77, 200):
         others = np.arange(len(y)) != k
-        missed.append(y[k] - smooth.through(x[others], y[others]).mean(x[k : k + 1])[0])
+        missed.append(y[k] - smooth.through(x[others], y[others]).at(x[k : k + 1])[0])
     from scipy.linalg import cho_solve
 
     inverse = cho_solve((smooth.process.L_, True), np.eye(len(y)))
@@ -159,11 +159,11 @@ def test_a_probability(known_function):
     x = np.random.default_rng(1).uniform(-np.pi, np.pi, (4_000_000, 3))
     exact = float((ishigami(x)["y"] > 10).mean())
     found = known_function.beyond("y", 10, 1)
-    assert found.low <= exact <= found.high
-    assert found.value == pytest.approx(exact, rel=0.03)
-    assert found.high - found.low < 0.3 * found.value
+    assert found.probability_low <= exact <= found.probability_high
+    assert found.probability == pytest.approx(exact, rel=0.03)
+    assert found.probability_high - found.probability_low < 0.3 * found.probability
     below = known_function.beyond("y", 10, -1)
-    assert below.value == pytest.approx(1 - found.value)
+    assert below.probability == pytest.approx(1 - found.probability)
 
 
 def test_sobol_indices_of_correlated_variables():
@@ -174,7 +174,7 @@ def test_sobol_indices_of_correlated_variables():
     sigma = np.array([1.0, 1.0, 2.0])
     covariance = CORRELATION * np.outer(sigma, sigma)
     joint = Joint(("a", "b", "c"), tuple(stats.norm(0, s) for s in sigma), CORRELATION)
-    known = Samples.of(joint, lambda x: {"y": x.sum(axis=1)}, 32).known("y")
+    known = Samples(joint, lambda x: {"y": x.sum(axis=1)}, 32).known("y")
     variance, precision = covariance.sum(), np.linalg.inv(covariance)
     for k, name in enumerate("abc"):
         first = covariance[k].sum() ** 2 / covariance[k, k] / variance
@@ -192,34 +192,50 @@ def test_what_has_no_result_counts():
         return {"y": np.where(x[:, 0] < 0.9, x[:, 0] + x[:, 1], np.nan)}
 
     joint = Joint(("a", "b"), (stats.uniform(),) * 2, np.eye(2))
-    samples = Samples.of(joint, model, 64, seed=2)
-    assert samples.unsolved.value == pytest.approx(0.1, abs=0.02)
-    assert samples.unsolved.low < 0.1 < samples.unsolved.high
+    samples = Samples(joint, model, 64, seed=2)
+    assert samples.unsolved.probability == pytest.approx(0.1, abs=0.02)
+    assert samples.unsolved.probability_low < 0.1 < samples.unsolved.probability_high
     found = samples.beyond("y", 1.5, 1)
     exact = 0.1 + 0.5 * 0.4**2  # x > 0.9, and x + y > 1.5 below it
-    assert found.low < exact < found.high
-    assert found.value == pytest.approx(exact, abs=0.03)
+    assert found.probability_low < exact < found.probability_high
+    assert found.probability == pytest.approx(exact, abs=0.03)
     assert samples.known("y").numbers["mean"][0] == pytest.approx(0.45 + 0.5, abs=0.02)
     with pytest.raises(NotConverged, match="only 0 of 16 samples have a result: too few"):
-        Samples.of(joint, lambda x: {"y": np.full(len(x), np.nan)}, 16)
+        Samples(joint, lambda x: {"y": np.full(len(x), np.nan)}, 16)
 
 
 def test_what_no_process_foretells_is_told_by_the_samples():
     noise = np.random.default_rng(3).normal(5, 2, 128)
     joint = Joint(("a", "b"), (stats.uniform(),) * 2, np.eye(2))
-    samples = Samples.of(joint, lambda x: {"y": noise}, 128)
+    samples = Samples(joint, lambda x: {"y": noise}, 128)
     known = samples.known("y")
     assert known.explained < 0.3
     assert known.numbers["mean"][0] == pytest.approx(noise.mean())
     assert known.numbers["deviation"][0] == pytest.approx(noise.std(ddof=1))
     assert known.numbers["mean"][1] == pytest.approx(1.96 * noise.std() / 128**0.5, rel=0.7)
-    assert samples.beyond("y", 5, 1).value == (noise > 5).mean()
+    assert samples.beyond("y", 5, 1).probability == (noise > 5).mean()
+
+
+def test_one_variable_and_a_quantity_that_does_not_vary():
+    joint = Joint(("a",), (stats.norm(3, 0.1),), np.eye(1))
+    samples = Samples(joint, lambda x: {"y": 2 * x[:, 0], "same": 4 + 0 * x[:, 0]}, 16)
+    known = samples.known("y")
+    assert known.numbers["deviation"][0] == pytest.approx(0.2, rel=1e-3)
+    assert (known.first["a"][0], known.total["a"][0]) == pytest.approx((1, 1), abs=1e-3)
+    same = samples.known("same")
+    assert same.numbers["mean"][0] == same.numbers["q5"][0] == pytest.approx(4)
+    assert same.numbers["deviation"][0] == pytest.approx(0, abs=1e-9)
+    assert same.first["a"][0] == pytest.approx(0, abs=1e-9)
+    assert samples.beyond("same", 3.9, 1).probability == 1
+    assert samples.beyond("same", 4.1, 1).probability == 0
 
 
 def test_probabilities():
-    assert Probability.of(100, 0, 0, 0).value == 0
-    assert Probability.of(100, 0, 0, 0).high == pytest.approx(0.037, abs=1e-3)  # Wilson's
-    assert Probability.of(100, 50, 40, 60).low == pytest.approx(0.309, abs=1e-3)
+    assert Probability.of(100, 0, 0, 0).probability == 0
+    assert Probability.of(100, 0, 0, 0).probability_high == pytest.approx(
+        0.037, abs=1e-3
+    )  # Wilson's
+    assert Probability.of(100, 50, 40, 60).probability_low == pytest.approx(0.309, abs=1e-3)
 
 
 # --- breakdown by chance -------------------------------------------------------------------------
@@ -371,8 +387,7 @@ def test_a_limit_at_the_median_is_missed_by_half(solved, tmp_path):
     other = tmp_path / "median.yaml"
     other.write_text(text)
     found, _, _ = dealib.uncertainty(other, cache=cache)
-    row = found.iloc[2]
-    assert row["quantity"].startswith("force <= ")
+    (row,) = (r for _, r in found.iterrows() if r["quantity"].startswith("force <= "))
     assert row["probability"] == pytest.approx(0.5, abs=0.01)
     assert row["probability_low"] < 0.5 < row["probability_high"]
 

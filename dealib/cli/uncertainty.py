@@ -10,9 +10,9 @@ import typer
 from dealib.cases.job import Ended, Job
 from dealib.cases.workers import Pool, cores
 from dealib.cli.jobs import watcher
-from dealib.design.propagation import TRUSTED
+from dealib.design.propagation import TRUSTED, Probability
 from dealib.design.schema import Plan
-from dealib.design.uncertainty import Found, find
+from dealib.design.uncertainty import Tables, find
 from dealib.errors import ConfigError, Interrupted
 from dealib.files import guarded
 from dealib.results import spectra
@@ -31,6 +31,8 @@ def find_uncertainty(
         NotConverged: If too few samples have a result.
         Interrupted: With how to go on.
     """
+    from dealib.plots import style, uncertainty
+
     plan = Plan(path)
     given = plan.design.output.directory
     directory = out or Path(given or f"runs/{plan.name}-uncertainty")
@@ -51,51 +53,47 @@ def find_uncertainty(
         raise Interrupted(said, stop.signal) from None
     with guarded(directory):
         directory.mkdir(parents=True, exist_ok=True)
-    tables = {spectra.SAMPLES: found.table, spectra.SOBOL: found.sobol}
-    for name, rows in {**tables, spectra.SUMMARY: found.summary}.items():
-        spectra.write(directory / name, rows)
-    picture = _draw(directory, plan.design.description or plan.name)
-    typer.echo("\n".join([*told(found), *(str(directory / n) for n in tables), str(summary)]))
-    typer.echo(str(picture))
-
-
-def _draw(directory: Path, title: str) -> Path:
-    from dealib.plots import style, uncertainty
-
-    names = (spectra.SAMPLES, spectra.SUMMARY, spectra.SOBOL)
-    target = directory / "uncertainty.png"
+    files = [directory / name for name in (spectra.SAMPLES, spectra.SUMMARY, spectra.SOBOL)]
+    for file, rows in zip(files, found, strict=True):
+        spectra.write(file, rows)
+    picture = directory / "uncertainty.png"
     with style.theme() as look:
-        samples, summary, sobol = (spectra.read(directory / n) for n in names)
-        style.save(uncertainty.draw(samples, summary, sobol, title, look), target)
-    return target
+        tables = dict(zip(("samples", "summary", "sobol"), map(spectra.read, files), strict=True))
+        title = plan.design.description or plan.name
+        style.save(uncertainty.draw(**tables, title=title, look=look), picture)
+    typer.echo("\n".join([*told(found), *map(str, (*files, picture))]))
 
 
-def told(found: Found) -> Iterator[str]:
-    """Tables of intervals, indices and probabilities, each with its 95 % error."""
-    for name, known in found.known.items():
-        value = {n: f"{neat(v)} ± {error:.2g}" for n, (v, error) in known.numbers.items()}
-        linear = found.linear.get(name, float("nan"))
-        by_slopes = f" (by the slopes at the means {neat(linear)})" if linear == linear else ""
-        yield f"{name}: mean {value.pop('mean')}, deviation {value.pop('deviation')}{by_slopes}"
+def told(found: Tables) -> Iterator[str]:
+    """Intervals, Sobol indices and probabilities, each with its 95 % error."""
+    for row in (r for r in found.summary if "mean" in r):
+        value = {n[:-6]: f"{neat(row[n[:-6]])} ± {row[n]:.2g}" for n in row if n.endswith("_error")}
+        linear = row["linear_deviation"]
+        slopes = f" (by the slopes at the means {neat(linear)})" if linear == linear else ""
+        name, mean, deviation = row["quantity"], value.pop("mean"), value.pop("deviation")
+        yield f"{name}: mean {mean}, deviation {deviation}{slopes}"
         yield "  " + ", ".join(f"{n[1:]} %: {v}" for n, v in value.items())
-        missed = 100 * max(1 - known.explained, 0) ** 0.5
+        missed = 100 * max(1 - row["explained"], 0) ** 0.5
         yield f"  each sample is foretold from the others within {missed:.2g} % of the deviation"
-        if known.explained < TRUSTED:
+        if row["explained"] < TRUSTED:
             yield "  too little: mean, deviation and quantiles are those of the samples themselves"
-        width = max(map(len, known.first))
-        yield f"  {'Sobol index':<{width}}  {'first order':>16}  {'total':>16}"
-        for key in sorted(known.total, key=lambda k: -known.total[k][0]):
-            pairs = (known.first[key], known.total[key])
-            columns = (f"{f'{v:.4f} ± {error:.4f}':>16}" for v, error in pairs)
-            yield f"  {key:<{width}}  {'  '.join(columns)}"
-    for text, p in found.missed.items():
-        sure = f"95 %: {100 * p.low:.3g} to {100 * p.high:.3g} %"
-        yield f"{text} is not met: {100 * p.value:.3g} % ({sure})"
-    if found.errors:
-        yield (
-            f"{len(found.errors)} of {len(found.samples.x)} samples have no result: they meet no "
-            "limit, and are left out of the rest"
+        indices = sorted(
+            (r for r in found.sobol if r["quantity"] == name), key=lambda r: -r["total"]
         )
-        yield from (f"  sample {k}: {found.errors[k]}" for k in list(found.errors)[:_SHOWN])
-        if len(found.errors) > _SHOWN:
-            yield f"  and {len(found.errors) - _SHOWN} more"
+        width = max(len(r["key"]) for r in indices)
+        yield f"  {'Sobol index':<{width}}  {'first order':>16}  {'total':>16}"
+        for r in indices:
+            first, total = (f"{r[n]:.4f} ± {r[f'{n}_error']:.4f}" for n in ("first", "total"))
+            yield f"  {r['key']:<{width}}  {first:>16}  {total:>16}"
+    *limits, unsolved = (r for r in found.summary if "probability" in r)
+    for row in limits:
+        chance, low, high = (f"{100 * row[n]:.3g}" for n in Probability._fields)
+        yield f"{row['quantity']} is not met: {chance} % (95 %: {low} to {high} %)"
+    if unsolved["probability"]:
+        lost = [row for row in found.samples if row["error"]]
+        yield (
+            f"{len(lost)} of {len(found.samples)} samples have no result: they meet no limit, and "
+            "are left out of the rest"
+        )
+        yield from (f"  sample {row['sample']}: {row['error']}" for row in lost[:_SHOWN])
+        yield from [f"  and {len(lost) - _SHOWN} more"] * (len(lost) > _SHOWN)

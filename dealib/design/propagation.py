@@ -11,7 +11,6 @@ points of the integrals.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -41,9 +40,9 @@ class Known(NamedTuple):
 class Probability(NamedTuple):
     """Of an event, with its 95 % interval."""
 
-    value: float
-    low: float
-    high: float
+    probability: float
+    probability_low: float
+    probability_high: float
 
     @classmethod
     def of(cls, among: int, count: int, least: int, most: int) -> Probability:
@@ -54,55 +53,41 @@ class Probability(NamedTuple):
         return cls(count / among, float(low.low), float(high.high))
 
 
-@dataclass(frozen=True)
 class Samples:
-    """Points of the distributions, and what was found there.
+    """Points of distributions, and what a model gives there.
 
     Attributes:
         joint: The distributions.
         x: Points (n, variables).
         values: By quantity, (n,); NaN where there is no result.
-        seed: Of the points.
-        levels: Of the quantiles, from 0 to 1.
+        solved: Which points have results.
+
+    Args:
+        joint: The distributions.
+        model: Takes points, gives quantities.
+        count: Number of points, a power of two.
+        seed: Of their scrambling.
+        levels: Of quantiles, from 0 to 1.
+
+    Raises:
+        NotConverged: If too few points have a result.
     """
 
-    joint: Joint
-    x: Array
-    values: Mapping[str, Array]
-    seed: int
-    levels: tuple[float, ...] = (0.05, 0.5, 0.95)
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         joint: Joint,
         model: Callable[[Array], Mapping[str, Array]],
         count: int,
         seed: int = 0,
         levels: tuple[float, ...] = (0.05, 0.5, 0.95),
-    ) -> Samples:
-        """Evaluate a model at points of the distributions.
-
-        Args:
-            joint: The distributions.
-            model: Takes points (n, variables), gives quantities (n,).
-            count: Number of points, a power of two.
-            seed: Of their scrambling.
-            levels: Of quantiles.
-
-        Raises:
-            NotConverged: If too few points have a result.
-        """
-        x = joint.of(scores(count, len(joint.names), seed))
-        found = cls(joint, x, model(x), seed, levels)
-        if (n := found.solved.sum()) < max(_GROUPS, 2 * len(joint.names) + 2):
+    ) -> None:
+        self.joint, self._seed, self._levels = joint, seed, levels
+        self.x = joint.of(scores(count, len(joint.names), seed))
+        self.values = model(self.x)
+        self.solved: Any = np.isfinite(list(self.values.values())).all(axis=0)
+        self._processes: dict[str, Surrogate] = {}
+        if (n := self.solved.sum()) < max(_GROUPS, 2 * len(joint.names) + 2):
             raise NotConverged(f"only {n} of {count} samples have a result: too few")
-        return found
-
-    @cached_property
-    def solved(self) -> Any:
-        """Which points have a result."""
-        return np.isfinite(list(self.values.values())).all(axis=0)
 
     @property
     def unsolved(self) -> Probability:
@@ -116,16 +101,16 @@ class Samples:
         trusted, group = smooth.explained >= TRUSTED, np.arange(len(y)) % _GROUPS
 
         def numbers(process: Surrogate, kept: Any, count: int = _POINTS) -> Array:
-            of = process.mean(self._inside[:count]) if trusted else y[kept]
-            indices = _indices(process.mean(self._pairs[:, :count]))
+            of = process.at(self._inside[:count]) if trusted else y[kept]
+            indices = _indices(process.at(self._pairs[:, :count]))
             spread = of.std(ddof=0 if trusted else 1)
-            return np.array([of.mean(), spread, *np.quantile(of, self.levels), *indices])
+            return np.array([of.mean(), spread, *np.quantile(of, self._levels), *indices])
 
         best, half = (numbers(smooth, group < _GROUPS, n) for n in (_POINTS, _POINTS // 2))
         parts = (group != k for k in range(_GROUPS))
         again = [numbers(smooth.through(x[p], y[p]), p, _FEWER) for p in parts]
         error = np.hypot(_SURE * np.sqrt((_GROUPS - 1) * np.var(again, axis=0)), best - half)
-        names = ["mean", "deviation", *(f"q{100 * q:g}" for q in self.levels)]
+        names = ["mean", "deviation", *(f"q{100 * q:g}" for q in self._levels)]
         found = iter(zip(best.tolist(), error.tolist(), strict=True))
         of = (dict(zip(n, found, strict=False)) for n in (names, *[self.joint.names] * 2))
         return Known(smooth.explained, *of)
@@ -135,7 +120,7 @@ class Samples:
         _, y, smooth = self._known(name)
         of, spread = y, np.zeros(len(y))
         if smooth.explained >= TRUSTED:
-            of, spread = smooth.at(self._inside)
+            of, spread = smooth.at(self._inside), smooth.at(self._inside, spread=True)
         over = (sign * (of - bound) + k * _SURE * spread > 0 for k in (0, -1, 1))
         found = Probability.of(len(of), *(int(o.sum()) for o in over))
         if self.solved.all():
@@ -146,10 +131,6 @@ class Samples:
 
     def _plain(self, x: Array) -> Array:
         return np.asarray((x - self.joint.means) / self.joint.deviations)
-
-    @cached_property
-    def _processes(self) -> dict[str, Surrogate]:
-        return {}
 
     def _known(self, name: str) -> tuple[Array, Array, Surrogate]:
         """Samples with a result, their values, and the process through them."""
@@ -163,14 +144,14 @@ class Samples:
         """Points of the distributions, without those whose nearest sample has no result."""
         from scipy.spatial import cKDTree
 
-        every = self._plain(self.joint.of(scores(_POINTS, self.x.shape[1], self.seed + 1)))
+        every = self._plain(self.joint.of(scores(_POINTS, self.x.shape[1], self._seed + 1)))
         return every[self.solved[cKDTree(self._plain(self.x)).query(every)[1]]]
 
     @cached_property
     def _pairs(self) -> Array:
         """Points in pairs that share one variable, or all the others, (4 a variable, n, ...)."""
         count, found = self.x.shape[1], list[Array]()
-        a, b = np.split(scores(_POINTS, 2 * count, self.seed + 2), 2, axis=1)
+        a, b = np.split(scores(_POINTS, 2 * count, self._seed + 2), 2, axis=1)
         for k in range(count):
             rest = [j for j in range(count) if j != k]
             same, own = np.hstack([a[:, :1], b[:, 1:]]), np.hstack([a[:, :-1], b[:, -1:]])

@@ -26,17 +26,13 @@ class Surrogate:
     process: Any
     explained: float
 
-    def at(self, x: Array) -> tuple[Array, Array]:
-        """Its mean and its standard deviation at points (n, variables)."""
-        parts = (x[k : k + _ROWS] for k in range(0, len(x), _ROWS))
-        found = [self.process.predict(part, return_std=True) for part in parts]
-        return np.concatenate([m for m, _ in found]), np.concatenate([s for _, s in found])
-
-    def mean(self, x: Array) -> Array:
-        """Its mean at points (..., variables)."""
+    def at(self, x: Array, spread: bool = False) -> Array:
+        """Its mean, or its standard deviation, at points (..., variables)."""
         flat = x.reshape(-1, x.shape[-1])
         parts = (flat[k : k + _ROWS] for k in range(0, len(flat), _ROWS))
-        return np.concatenate([self.process.predict(p) for p in parts]).reshape(x.shape[:-1])
+        found = [self.process.predict(part, return_std=spread) for part in parts]
+        values = [one[1] for one in found] if spread else found
+        return np.concatenate(values).reshape(x.shape[:-1])
 
     def through(self, x: Array, y: Array) -> Surrogate:
         """One with the same lengths through other samples."""

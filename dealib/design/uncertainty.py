@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from dealib.cases.workers import Pool
 from dealib.design.distributions import Joint
 from dealib.design.evaluate import Evaluation, job, read
 from dealib.design.goals import goals
-from dealib.design.propagation import Known, Probability, Samples
+from dealib.design.propagation import Samples
 from dealib.design.schema import Plan
 from dealib.errors import ConfigError, NotConverged, did_you_mean
 from dealib.results.elements import Array
@@ -27,62 +26,12 @@ Solve = Callable[[Sequence[Job]], Iterable[Ended]]
 UNSOLVED = "no result"  # its row in the summary
 
 
-@dataclass(frozen=True)
-class Found:
-    """What is known of a design.
+class Tables(NamedTuple):
+    """Rows of `samples.csv`, `summary.csv` and `sobol.csv`."""
 
-    Attributes:
-        samples: Where it was solved.
-        units: Of the variables.
-        errors: Why samples have no result, by their number from 1.
-        known: By quantity.
-        missed: Probability that a limit of `subject_to` is not met.
-        linear: Deviation of each quantity by the slopes at the means, where there are some.
-    """
-
-    samples: Samples
-    units: dict[str, str]
-    errors: dict[int, str]
-    known: dict[str, Known]
-    missed: dict[str, Probability]
-    linear: dict[str, float]
-
-    @property
-    def table(self) -> list[dict[str, Any]]:
-        """Rows of `samples.csv`."""
-        names = [f"{n} [{unit}]" if unit else n for n, unit in self.units.items()]
-        rows = np.column_stack([self.samples.x, *self.samples.values.values()]).tolist()
-        names += self.samples.values
-        return [
-            {"sample": k, **dict(zip(names, row, strict=True)), "error": self.errors.get(k, "")}
-            for k, row in enumerate(rows, start=1)
-        ]
-
-    @property
-    def summary(self) -> list[dict[str, Any]]:
-        """Rows of `summary.csv`."""
-        rows: list[dict[str, Any]] = []
-        for name, known in self.known.items():
-            rows.append({"quantity": name})
-            for number, (value, error) in known.numbers.items():
-                rows[-1] |= {number: value, f"{number}_error": error}
-            linear = self.linear.get(name, float("nan"))
-            rows[-1] |= {"linear_deviation": linear, "explained": known.explained}
-        for text, p in {**self.missed, UNSOLVED: self.samples.unsolved}.items():
-            ends = {"probability_low": p.low, "probability_high": p.high}
-            rows.append({"quantity": text, "probability": p.value, **ends})
-        return rows
-
-    @property
-    def sobol(self) -> list[dict[str, Any]]:
-        """Rows of `sobol.csv`."""
-        columns = ("first", "first_error", "total", "total_error")
-        return [
-            {"quantity": name, "key": key}
-            | dict(zip(columns, (*known.first[key], *known.total[key]), strict=True))
-            for name, known in self.known.items()
-            for key in known.first
-        ]
+    samples: list[dict[str, Any]]
+    summary: list[dict[str, Any]]
+    sobol: list[dict[str, Any]]
 
 
 def uncertainty(
@@ -108,7 +57,7 @@ def uncertainty(
     with Pool(jobs) as pool:
         solve: Solve = pool.solve if jobs > 1 else lambda missing: map(run, missing)
         found = find(Plan(Path(path)), Path(cache), solve)
-    return pd.DataFrame(found.summary), pd.DataFrame(found.sobol), pd.DataFrame(found.table)
+    return pd.DataFrame(found.summary), pd.DataFrame(found.sobol), pd.DataFrame(found.samples)
 
 
 def joint(plan: Plan) -> Joint:
@@ -133,7 +82,7 @@ def joint(plan: Plan) -> Joint:
     return Joint(names, tuple(map(plan.spread, names)), matrix)
 
 
-def find(plan: Plan, cache: Path, solve: Solve, retry: bool = False) -> Found:
+def find(plan: Plan, cache: Path, solve: Solve, retry: bool = False) -> Tables:
     """Solve the cases of a design, and tell what is known of its quantities.
 
     Args:
@@ -166,21 +115,33 @@ def find(plan: Plan, cache: Path, solve: Solve, retry: bool = False) -> Found:
 
     of = plan.design.sampling
     try:
-        samples = Samples.of(variables, model, of.samples, of.seed, of.quantiles)
+        samples = Samples(variables, model, of.samples, of.seed, of.quantiles)
     except NotConverged as error:
         raise NotConverged(f"{error}; the first one: {errors[min(errors)]}") from None
-    missed = {}
+    slopes, summary, sobol = at_means[0].slopes, list[dict[str, Any]](), list[dict[str, Any]]()
+    for name in asked.asked:
+        known = samples.known(name)
+        told = {k: value for k, (value, _) in known.numbers.items()}
+        told |= {f"{k}_error": error for k, (_, error) in known.numbers.items()}
+        told["linear_deviation"] = _linear(plan, variables, slopes.get(name, {}))
+        summary.append({"quantity": name, **told, "explained": known.explained})
+        for key, (first, off) in known.first.items():
+            total, by = known.total[key]
+            indices = {"first": first, "first_error": off, "total": total, "total_error": by}
+            sobol.append({"quantity": name, "key": key, **indices})
     for limit in asked.limits:
         text = f"{limit.name} {'<=' if limit.sign > 0 else '>='} {limit.bound:g}"
-        missed[text] = samples.beyond(limit.name, limit.bound, limit.sign)
-    return Found(
-        samples,
-        {name: plan.unit(name) for name in variables.names},
-        {k: why for k, why in errors.items() if k},
-        {name: samples.known(name) for name in (*plan.quantities, *(a.name for a in asked.aims))},
-        missed,
-        {name: _linear(plan, variables, slopes) for name, slopes in at_means[0].slopes.items()},
-    )
+        chance = samples.beyond(limit.name, limit.bound, limit.sign)
+        summary.append({"quantity": text, **chance._asdict()})
+    summary.append({"quantity": UNSOLVED, **samples.unsolved._asdict()})
+    units = ((n, plan.unit(n)) for n in variables.names)
+    columns = [*(f"{n} [{unit}]" if unit else n for n, unit in units), *samples.values]
+    rows = np.column_stack([samples.x, *samples.values.values()]).tolist()
+    table = [
+        {"sample": k, **dict(zip(columns, row, strict=True)), "error": errors.get(k, "")}
+        for k, row in enumerate(rows, start=1)
+    ]
+    return Tables(table, summary, sobol)
 
 
 def _job(plan: Plan, k: int, point: Array, asked: Mapping[str, str], cache: Path) -> Job:
