@@ -446,6 +446,18 @@ def test_correlations_that_cannot_be(tmp_path):
     assert f"{path}:8:1: correlations: no variables have all these" in str(done.exception)
 
 
+def test_too_few_samples(tmp_path):
+    text, more = write(tmp_path).read_text(), ("film.relative_permittivity", "film.prestretch")
+    more = [*(f"materials.{name}" for name in more), "geometry.inner_radius"]
+    more += ["geometry.outer_radius", "program.0.mount.displacement"]
+    lines = "".join(f"  {name}: {{deviation: 1 %}}\n" for name in more)
+    path = tmp_path / "many.yaml"
+    path.write_text(text.replace("correlations:", f"{lines}correlations:"))
+    done = command(path, "--cache", tmp_path / "cases")
+    said = "20:21: sampling.samples: 16 samples are too few for so many variables; take 18 or more"
+    assert f"{path}:{said}" in str(done.exception)
+
+
 def test_a_sample_that_is_impossible(tmp_path):
     path = write(tmp_path, change=(THICKNESS, "{mean: 50 um, deviation: 40 um}"))
     done = command(path, "--cache", tmp_path / "cases")

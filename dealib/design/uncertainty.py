@@ -10,6 +10,7 @@ import numpy as np
 
 from dealib.cases.job import Ended, Job, run
 from dealib.cases.workers import Pool
+from dealib.design.designs import as_model
 from dealib.design.distributions import Joint
 from dealib.design.evaluate import Evaluation, job, read
 from dealib.design.goals import goals
@@ -98,6 +99,10 @@ def find(plan: Plan, cache: Path, solve: Solve, retry: bool = False) -> Tables:
     variables, asked = joint(plan), goals(plan, searched=False)
     if not asked.asked:
         raise plan.fault((), "name what is asked for, in quantities or subject_to")
+    of, least = plan.design.sampling, 2 * len(variables.names) + 2
+    if of.samples < least:
+        said = f"{of.samples} samples are too few for so many variables; take {least} or more"
+        raise plan.fault(("sampling", "samples"), said)
     errors: dict[int, str] = {}
     at_means: list[Evaluation] = []
 
@@ -113,7 +118,6 @@ def find(plan: Plan, cache: Path, solve: Solve, retry: bool = False) -> Tables:
         at_means.append(found[0])
         return {q: np.array([e.values.get(q, np.nan) for e in found[1:]]) for q in asked.asked}
 
-    of = plan.design.sampling
     try:
         samples = Samples(variables, model, of.samples, of.seed, of.quantiles)
     except NotConverged as error:
@@ -147,7 +151,7 @@ def find(plan: Plan, cache: Path, solve: Solve, retry: bool = False) -> Tables:
 def _job(plan: Plan, k: int, point: Array, asked: Mapping[str, str], cache: Path) -> Job:
     """The case of a sample, or, as number 0, that of the means, which finds the slopes, too."""
     names = tuple(plan.design.variables)
-    model = {"physics.model": "membrane"} if plan.design.model == "membrane" else {}
+    model = {} if plan.design.model == "auto" else as_model(plan, plan.design.model)
     try:
         case = plan.case(dict(zip(names, point.tolist(), strict=True)), **model)
     except ConfigError as error:
