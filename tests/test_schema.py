@@ -16,6 +16,7 @@ from dealib.calibration.schema import Fit
 from dealib.cli.app import app
 from dealib.config.reference import MODELINE, json_text, reference
 from dealib.config.templates import TEMPLATES
+from dealib.design.schema import Design
 from dealib.observe.quantities import QUANTITIES
 from dealib.study.expressions import COMMON, KINDS, OF_A_CASE, OF_ALL_CASES
 from dealib.study.schema import MaterialTest, Study
@@ -45,6 +46,7 @@ PAGES = {
     "study": ("studies/REFERENCE.md", Study),
     "fit": ("fits/REFERENCE.md", Fit),
     "coupon": ("fits/COUPONS.md", Coupon),
+    "design": ("designs/REFERENCE.md", Design),
 }
 
 
@@ -73,12 +75,18 @@ def test_reference_of_studies_and_fits_is_current_and_whole(of):
 
 @pytest.mark.parametrize(
     "path",
-    [p for of in ("thesis", "studies", "fits") for p in sorted(CONFIGS.glob(f"{of}/*.yaml"))],
+    [
+        p
+        for of in ("thesis", "studies", "fits", "designs")
+        for p in sorted(CONFIGS.glob(f"{of}/*.yaml"))
+    ],
     ids=lambda p: f"{p.parent.name}/{p.stem}",
 )
 def test_shipped_studies_and_fits_meet_their_schema(path):
     tree = read(path.read_text())
-    model = Study if path.parent.name != "fits" else Coupon if "tests" in tree else Fit
+    model = {"fits": Coupon if "tests" in tree else Fit, "designs": Design}.get(
+        path.parent.name, Study
+    )
     schema = json.loads(json_text(model))
     assert list(jsonschema.Draft202012Validator(schema).iter_errors(tree)) == []
 

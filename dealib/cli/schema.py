@@ -31,7 +31,14 @@ def _text(of: str, page: bool) -> str:
         from dealib.calibration.coupon_schema import Coupon
 
         return fit.coupon_reference() if page else reference.json_text(Coupon)
-    known = ("config", "study", "fit", "coupon")
+    if of == "design":
+        from dealib.design.schema import Design
+
+        head = "# All keys of a design\n\nMade by `dealib schema --of design --reference` from the "
+        head += "schema that `dealib optimise` applies."
+        keys = "\n".join([head, *reference.sections(Design)]) + "\n"
+        return keys if page else reference.json_text(Design)
+    known = ("config", "study", "fit", "coupon", "design")
     raise ConfigError(f"--of {of}: unknown{did_you_mean(of, known)}")
 
 

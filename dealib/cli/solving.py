@@ -262,7 +262,7 @@ def init(
 def schema(
     out: Annotated[Path | None, typer.Option(help="file; default: print")] = None,
     reference: Annotated[bool, typer.Option("--reference", help="page of all keys")] = False,
-    of: Annotated[str, typer.Option(help="config, study, fit or coupon")] = "config",
+    of: Annotated[str, typer.Option(help="config, study, fit, coupon or design")] = "config",
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the file")] = False,
 ) -> None:
     """Print the JSON schema of configs, studies or fits, for editors, or a page of all keys."""

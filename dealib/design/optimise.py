@@ -228,17 +228,18 @@ def _explore(models: _Models) -> None:
 
 
 def _single(models: _Models, aim: Aim, limits: Sequence[Limit]) -> None:
-    """Search from the start in each choice, then from other starts in the best one."""
+    """Search from the start in each choice, and from other starts in the best one."""
     from scipy.stats import qmc
 
     designs, search = models.designs, models.designs.plan.design.search
     choices, x = _choices(designs.plan), designs.place(designs.plan.start)
-    best = models.least(aim, limits, [(choice, x) for choice in choices])
-    if search.starts > 1 and len(x):
-        others = qmc.Halton(len(x), seed=0).random(search.starts)[1:]
-        of = choices if best is None else [best[0]]
-        starts = [(choice, other) for choice in of for other in others]
-        best = models.least(aim, limits, [*starts, *([best] if best else [])])
+    halton = qmc.Halton(max(1, len(x)), seed=0).random(search.starts)[1:] if len(x) else []
+    starts, best = [(choice, x) for choice in choices], None
+    if len(choices) > 1:
+        best = models.least(aim, limits, starts)
+        choices, starts = (choices, []) if best is None else ([best[0]], [best])
+    starts += [(choice, other) for choice in choices for other in halton]
+    best = models.least(aim, limits, starts)
     models.settle(aim, limits, best)
 
 
