@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import dealib
-from dealib.design.designs import Evaluated
+from dealib.design.designs import Designs, Evaluated
 from dealib.design.evaluate import Evaluation, evaluate
 from dealib.design.goals import Aim, Limit, goals
 from dealib.design.optimise import optimise, pareto
@@ -28,12 +28,12 @@ from scipy.optimize import brentq
 from typer.testing import CliRunner
 
 from dealib.cli.app import app
-from dealib.errors import ConfigError, NotConverged
+from dealib.errors import ConfigError
 
 SMALL = Path(__file__).with_name("small.yaml")
 DESIGNS = CONFIGS / "designs"
 THICKNESS, FORCE = "geometry.layers.0.thickness", "program.1.mount.force"
-STRETCH = "materials.film.prestretch"
+STRETCH, RADIUS = "materials.film.prestretch", "geometry.inner_radius"
 
 # configs/devices/pure_shear_strip.yaml: MPa, mm, N, kV; 8.8541878128e-6 N/kV^2 is vacuum's
 SHEAR, PERMITTIVITY, VOLTAGE = 0.02, 4.7 * 8.8541878128e-6, 4.38452
@@ -207,7 +207,9 @@ def test_a_choice_beside_a_number(tmp_path):
     )
     found = optimise(design, tmp_path / "out")
     known = {
-        f"{G * 1e3:g} kPa": brentq(lambda h, G=G: strip(h, G=G)[2] - STRENGTH, 0.17, 0.3)
+        f"{G * 1e3:g} kPa": brentq(
+            lambda h, G=G: strip(h, G=G)[2] - STRENGTH, {0.02: 0.19, 0.04: 0.14}[G], 0.3
+        )
         for G in (0.02, 0.04)
     }
     strokes = {name: strip(h, G=float(name.split()[0]) / 1e3)[0] for name, h in known.items()}
@@ -219,7 +221,9 @@ def test_a_choice_beside_a_number(tmp_path):
 
 def test_where_nothing_is_allowed_it_says_what_misses_least(tmp_path):
     design = written(
-        tmp_path / "d.yaml", subject_to="['max(breakdown_use) <= 1', 'stroke >= 30 + 0']"
+        tmp_path / "d.yaml",
+        subject_to="['max(breakdown_use) <= 1', 'stroke >= 30 + 0']",
+        search="{starts: 1, evaluations: 12}",
     )
     code, said, error = command(design, "--out", tmp_path / "out")
     assert code == 3
@@ -235,20 +239,29 @@ def test_where_nothing_is_allowed_it_says_what_misses_least(tmp_path):
     ]
     missed = float(error.split("is missed by ")[1].split("%")[0]) / 100
     assert missed == pytest.approx(np.nanmin(worst), abs=0.02)
-    assert len(thick) < 45
+    assert len(thick) <= 12
 
 
-def test_beyond_pull_in_nothing_is_allowed_and_nothing_crashes(tmp_path):
-    design = written(
-        tmp_path / "d.yaml",
-        variables=f"{{{THICKNESS}: {{min: 0.12 mm, max: 0.16 mm}}}}",
-        set="{program.2.steps: 4, solver.max_iterations: 5, solver.step_min: 0.2}",
-        subject_to="[]",
-    )
-    assert np.isnan(strip(0.16)[0])
-    code, _, error = command(design, "--out", tmp_path / "out")
+def test_beyond_collapse_nothing_is_allowed_and_nothing_crashes(tmp_path):
+    # the stress of the film and that of the field both grow with the stretch squared
+    collapse = VOLTAGE / 1.5 * np.sqrt(PERMITTIVITY / SHEAR)
+    assert collapse == pytest.approx(0.13333, rel=1e-3)
+    keys = {"set": "{program.2.steps: 4, solver.max_cuts: 2}", "subject_to": ""}
+    all_beyond = f"{{{THICKNESS}: {{min: 0.1 mm, max: 0.13 mm}}}}"
+    design = written(tmp_path / "d.yaml", variables=all_beyond, **keys)
+    code, said, error = command(design, "--out", tmp_path / "out")
     assert code == 3
-    assert "no design converges" in error
+    assert error.startswith(f"{design}: no design converges: stage 'actuate' stopped after t = ")
+    assert said.splitlines()[0].startswith("   1  solid     stage 'actuate' stopped after t = ")
+    some = f"{{{THICKNESS}: {{min: 0.12 mm, max: 0.16 mm}}}}"
+    written(design, variables=some, search="{starts: 1, evaluations: 5}", **keys)
+    found = optimise(design, tmp_path / "some", jobs=1)
+    failed = [row[f"{THICKNESS} [mm]"] for row in found.designs if row["error"]]
+    assert failed
+    assert max(failed) < 0.137
+    assert found.best is not None
+    assert found.best.point[THICKNESS] > collapse
+    assert found.best.found.values["stroke"] > 90
 
 
 @pytest.fixture(scope="module")
@@ -306,7 +319,7 @@ def test_membrane_is_corrected_by_the_solid(tmp_path):
         "subject_to: 'max(field_max_MV_per_m) <= 60'\nsearch: {starts: 1}\n"
     )
     said: list[str] = []
-    found = optimise(design, tmp_path / "out", tell=said.append)
+    found = optimise(design, tmp_path / "out", jobs=1, tell=said.append)
     assert found.best is not None
     assert found.best.model == "solid"
     (told,) = [line for line in said if "the membrane is off the solid by" in line]
@@ -315,7 +328,7 @@ def test_membrane_is_corrected_by_the_solid(tmp_path):
     assert models["solid"] <= 5
     field = found.best.found.values["max(field_max_MV_per_m)"]
     assert 59.9 < field <= 60
-    alone = optimise(design, tmp_path / "solid", model="solid")
+    alone = optimise(design, tmp_path / "solid", model="solid", jobs=1)
     assert alone.best is not None
     same = found.best.point["geometry.film_thickness"]
     assert same == pytest.approx(alone.best.point["geometry.film_thickness"], rel=1e-3)
@@ -332,20 +345,17 @@ def test_slopes_of_a_design_are_those_of_sensitivities():
 
 
 def test_differences_where_a_run_gives_no_slopes(tmp_path):
-    hold = "{stage: move, dynamic: true, duration: 10 ms, steps: 4, mount: {displacement: -1 mm}}"
     design = tmp_path / "d.yaml"
-    design.write_text(
-        f"base: {SMALL}\nset: {{physics.model: membrane, program: '[{hold}]', "
-        "materials.film.density: 1000 kg/m^3}\n"
-        "variables: {geometry.film_thickness: {min: 20 um, max: 60 um}}\n"
-        "minimise: 'abs(end(force_N, \"move\") + 0.05)'\nsearch: {starts: 1, evaluations: 12}\n"
+    design.write_text(  # a number at 0 has no relative change
+        f"base: {SMALL}\nset: {{physics.model: membrane, program.0.steps: 1, program.1.steps: 2}}\n"
+        "variables: {program.0.mount.displacement: {min: -1 mm, max: 1 mm, start: 0 mm}}\n"
+        "minimise: '(end(displacement_mm, \"push\") - 0.5) ** 2 + 1'\nsearch: {starts: 1}\n"
     )
     found = optimise(design, tmp_path / "out", jobs=1)
     assert found.best is not None
-    assert found.best.found.slopes == {"abs(end(force_N, 'move') + 0.05)": {}} or not any(
-        found.best.found.slopes.values()
-    )
-    assert found.best.found.values['abs(end(force_N, "move") + 0.05)'] < 0.02
+    tried = [row["program.0.mount.displacement [mm]"] for row in found.designs]
+    assert tried[:2] == pytest.approx([0, -0.002], abs=1e-12)
+    assert found.best.point["program.0.mount.displacement"] == pytest.approx(0.5, abs=0.02)
 
 
 def valley(x):
@@ -395,14 +405,19 @@ def test_front_keeps_what_nothing_is_better_than():
 
 
 MISTAKES = {  # changed lines -> what is said, from the line on
-    "unknown key": ({"maximize": "stroke"}, "9:1: maximize: unknown key; did you mean 'maximise'?"),
+    "unknown key": ({"maximize": "stroke"}, "8:1: maximize: unknown key; did you mean 'maximise'?"),
     "order": (
         {"variables": f"{{{THICKNESS}: {{min: 0.5 mm, max: 0.4 mm}}}}"},
-        f"3:49: variables.{THICKNESS}.min: min must be below max",
+        f"3:48: variables.{THICKNESS}.min: min must be below max",
     ),
     "kind": (
         {"variables": f"{{{THICKNESS}: {{min: 0.1 mm, max: 0.4 N}}}}"},
-        f"3:62: variables.{THICKNESS}.max: expected a unit such as 'mm'; 'N' is not a unit of that "
+        f"3:61: variables.{THICKNESS}.max: expected a unit such as 'mm'; 'N' is not a unit of that "
+        "kind",
+    ),
+    "unit": (
+        {"variables": f"{{{THICKNESS}: {{min: 0.1 N, max: 0.4 N}}}}"},
+        f"3:48: variables.{THICKNESS}.min: expected a unit such as 'mm'; 'N' is not a unit of that "
         "kind",
     ),
     "no number": (
@@ -415,7 +430,7 @@ MISTAKES = {  # changed lines -> what is said, from the line on
     ),
     "quantity": (
         {"maximise": "strokes"},
-        "5:11: maximise.0: unknown name 'strokes'; did you mean 'stroke'?",
+        "5:11: maximise: unknown name 'strokes'; did you mean 'stroke'?",
     ),
     "stage": (
         {"quantities": "{stroke: 'stroke(\"actuat\")'}"},
@@ -434,7 +449,7 @@ MISTAKES = {  # changed lines -> what is said, from the line on
     "no variables": ({"variables": "{}"}, "3:12: variables: must not be empty"),
     "no objective": (
         {"maximise": ""},
-        "1:1: minimise: one or two objectives are needed, in maximise and minimise",
+        "1:1: one or two objectives are needed, in maximise and minimise",
     ),
     "both": (
         {"variables": f"{{{THICKNESS}: {{min: 0.1 mm, choices: [0.2 mm]}}}}"},
@@ -456,10 +471,8 @@ MISTAKES = {  # changed lines -> what is said, from the line on
 def test_mistakes_are_told_with_their_place(name, tmp_path):
     changes, said = MISTAKES[name]
     design = written(tmp_path / "d.yaml", **changes)
-    for arguments in (
-        ["check", str(design)],
-        ["optimise", str(design), "--out", str(tmp_path / "o")],
-    ):
+    both = [["check", str(design)], ["optimise", str(design), "--out", str(tmp_path / "o")]]
+    for arguments in both[name == "no objective" :]:  # which `dealib uncertainty` needs not
         done = CliRunner().invoke(app, arguments)
         assert isinstance(done.exception, ConfigError), done.exception
         assert str(done.exception).startswith(f"{design}:"), done.exception
@@ -471,7 +484,7 @@ def test_check_of_a_good_design_imports_no_solver():
     code = (
         "import sys; from dealib.cli.app import app; "
         f"app(['check', {str(DESIGNS / 'thickness.yaml')!r}], standalone_mode=False); "
-        "print(sorted({'dolfinx', 'pandas', 'matplotlib', 'scipy'} & sys.modules.keys()))"
+        "print(sorted({'dolfinx', 'pandas', 'matplotlib', 'pyvista'} & sys.modules.keys()))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines() == [
@@ -534,15 +547,18 @@ def test_deap100_in_four_variables(tmp_path):
 def test_a_design_that_cannot_be_is_not_allowed(tmp_path):
     design = tmp_path / "d.yaml"
     design.write_text(
-        f"base: {SMALL}\nset: {{physics.model: membrane, program.0.steps: 2, program.1.steps: 2}}\n"
+        f"base: {SMALL}\nset: {{physics.model: membrane, program.0.steps: 1, program.1.steps: 2}}\n"
         "variables: {geometry.inner_radius: {choices: [8 mm, 13 mm]}}\n"  # beyond the outer one
         "minimise: 'max(field_max_MV_per_m)'\n"
     )
-    with pytest.raises(ConfigError, match=r"d\.yaml:3:13: variables\.geometry\.inner_radius"):
+    with pytest.raises(ConfigError, match=r"d\.yaml:3:37: variables\.geometry\.inner_radius"):
         Plan(design)
-    design.write_text(design.read_text().replace("choices: [8 mm, 13 mm]", "min: 8 mm, max: 14 mm"))
-    found = optimise(design, tmp_path / "out", jobs=1)
-    assert found.best is not None
-    assert any("inner_radius" in row["error"] for row in found.designs) or len(found.designs) > 1
-    with pytest.raises(NotConverged):
-        raise NotConverged("the kind of error of a search without an end")
+    text = design.read_text().replace("choices: [8 mm, 13 mm]", "min: 10 mm, max: 14 mm")
+    design.write_text(text.replace("minimise: 'max", "maximise: 'charge_uC * 0 + max"))
+    plan = Plan(design)
+    with Designs(plan, goals(plan), tmp_path / "out", 1, print) as designs:
+        assert "must exceed inner_radius" in designs.see("membrane", {RADIUS: 13.0}).error
+        assert not designs.allowed(designs.seen[0])
+        see = designs.oracle("membrane", {})
+        assert see(np.array([0.9])) is None
+        assert see(np.array([0.1])) is not None

@@ -20,6 +20,7 @@ from dealib.design.goals import Goals
 from dealib.design.schema import Plan, Point
 from dealib.design.search import Oracle, Seen
 from dealib.errors import ConfigError, PlatformError
+from dealib.reading import shown
 from dealib.results import spectra
 from dealib.results.elements import Array
 from dealib.units import convert
@@ -141,7 +142,7 @@ class Designs:
         return found
 
     def _line(self, one: Evaluated) -> str:
-        said = one.found.error.splitlines()[0] if one.found.error else ""
+        said = shown(one.found.error.splitlines()[0]) if one.found.error else ""
         for aim in self.goals.aims if not said else ():
             said += f"{aim.name} = {one.found.values[aim.name]:.6g}, "
         if not one.found.error:

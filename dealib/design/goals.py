@@ -78,34 +78,37 @@ def goals(plan: Plan, searched: bool = True) -> Goals:
             asked[text] = plan.expression(text, where)
         return text
 
+    def given(key: str) -> list[tuple[Path_, str]]:
+        """Place and text of what is given alone or in a list."""
+        listed = isinstance(plan.source.tree.get(key), list)
+        return [((key, k) if listed else (key,), x) for k, x in enumerate(getattr(design, key))]
+
     aims = [
-        Aim(ask(text.strip(), (key, k)), sign)
-        for key, texts, sign in (
-            ("maximise", design.maximise, -1),
-            ("minimise", design.minimise, 1),
-        )
-        for k, text in enumerate(texts)
+        Aim(ask(text.strip(), where), sign)
+        for key, sign in (("maximise", -1), ("minimise", 1))
+        for where, text in given(key)
     ]
     for name, variable in design.variables.items() if searched else ():
         if variable.scatters:
             said = "a distribution is for `dealib uncertainty`; give min and max, or choices"
             raise plan.fault(("variables", name), said, "key")
     if searched and not 1 <= len(aims) <= 2:
-        where = ("maximise",) if design.maximise else ("minimise",)
-        raise plan.fault(where, "one or two objectives are needed, in maximise and minimise")
+        raise plan.fault(
+            ("maximise",) if design.maximise else (),
+            "one or two objectives are needed, in maximise and minimise",
+        )
     limits: list[Limit] = []
-    for k, text in enumerate(design.subject_to):
-        where_ = ("subject_to", k)
-        for left, sign, right in _comparisons(plan, text, where_):
-            low, high = (_constant(plan, side, where_) for side in (left, right))
+    for here, text in given("subject_to"):
+        for left, sign, right in _comparisons(plan, text, here):
+            low, high = (_constant(plan, side, here) for side in (left, right))
             if low is not None and high is not None:
-                raise plan.fault(where_, f"{text!r} compares numbers alone")
+                raise plan.fault(here, f"{text!r} compares numbers alone")
             if high is not None:
-                limits.append(Limit(text, ask(left, where_), sign, high))
+                limits.append(Limit(text, ask(left, here), sign, high))
             elif low is not None:
-                limits.append(Limit(text, ask(right, where_), -sign, low))
+                limits.append(Limit(text, ask(right, here), -sign, low))
             else:
-                limits.append(Limit(text, ask(f"{left} - ({right})", where_), sign, 0.0))
+                limits.append(Limit(text, ask(f"{left} - ({right})", here), sign, 0.0))
     return Goals(asked, tuple(aims), tuple(limits))
 
 

@@ -283,13 +283,21 @@ class Plan:
             self.keys[name] = self._key(name, own)
             return float(self.spread(name).mean())
         low, high = variable.range
-        inner = next(v for v in ((low + high) / 2, low, high) if v)  # a key of 0 has no unit
-        self.keys[name] = self._key(name, self._load({name: variable.text(inner)}, where).config)
+        try:
+            self.keys[name] = self._key(name, own)
+        except ConfigError:  # the base does not give it, or as 0, which has no unit
+            inner = next(v for v in ((low + high) / 2, low, high) if v)
+            changed = self._load({name: variable.text(inner)}, where).config
+            self.keys[name] = self._key(name, changed)
+        try:
+            convert((low, variable.unit), self.keys[name].unit)
+        except ValueError as error:
+            raise self.fault((*where, "min"), str(error)) from None
         if variable.start is not None:
             return convert(variable.start, variable.unit)
         try:
             value = convert((setting(own, name), self.keys[name].unit), variable.unit)
-        except ValueError:  # the base does not give it
+        except ValueError:
             return (low + high) / 2
         return min(max(value, low), high)
 

@@ -16,6 +16,7 @@ from dealib.results.elements import Array
 
 Seen = Mapping[str, tuple[float, Array]]  # value and slopes of each quantity
 Oracle = Callable[[Array], Seen | None]
+_SAME = 1e-4  # of the range: beside a point without values there are none either
 _FAR = 10.0  # of scaled values: what a point without values is said to be worse by
 
 
@@ -61,6 +62,7 @@ class _Walk:
         self.best: Best | None = None
         self.hurry = False  # the first point that is allowed will do
         self._known: dict[bytes, _State] = {}
+        self._holes: list[Array] = []
         self._last: _State | None = None
         self._scales: list[float] = []
 
@@ -70,12 +72,14 @@ class _Walk:
         if (key := x.tobytes()) not in self._known:
             if len(self._known) >= self._search.evaluations:
                 raise _Enough
-            seen = self._see(x)
+            hole = any(np.abs(x - other).max() < _SAME for other in self._holes)
+            seen = None if hole else self._see(x)
             if seen is not None:
                 self._last = self._known[key] = self._state(x, seen)
             elif (last := self._last) is None:
                 raise _Enough
             else:
+                self._holes.append(x)
                 bad = last.f + _FAR * (1 + abs(last.f))
                 self._known[key] = _State(bad, last.df, last.g - _FAR, last.dg)
             if self.hurry and self.best is not None and not self.best.beyond:
