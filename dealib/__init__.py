@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from dealib.config import Case, load
     from dealib.design.optimise import optimise
     from dealib.design.sensitivity import sensitivities
+    from dealib.design.uncertainty import uncertainty
     from dealib.errors import ConfigError, DealibError, Interrupted, NotConverged
     from dealib.program import Simulation, State, simulate
     from dealib.results.reader import Run
@@ -39,6 +40,7 @@ __all__ = [
     "sensitivities",
     "simulate",
     "tables",
+    "uncertainty",
 ]
 
 prepare()  # before numpy loads its BLAS
@@ -56,6 +58,7 @@ _LAZY = {
     "tables": ("dealib.results.tables", "load"),
     "optimise": ("dealib.design.optimise", "optimise"),
     "sensitivities": ("dealib.design.sensitivity", "sensitivities"),
+    "uncertainty": ("dealib.design.uncertainty", "uncertainty"),
     "Simulation": ("dealib.program", "Simulation"),
     "State": ("dealib.program", "State"),
     "simulate": ("dealib.program", "simulate"),

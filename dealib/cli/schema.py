@@ -35,7 +35,7 @@ def _text(of: str, page: bool) -> str:
         from dealib.design.schema import Design
 
         head = "# All keys of a design\n\nMade by `dealib schema --of design --reference` from the "
-        head += "schema that `dealib optimise` applies."
+        head += "schema of `dealib optimise` and `dealib uncertainty`."
         keys = "\n".join([head, *reference.sections(Design)]) + "\n"
         return keys if page else reference.json_text(Design)
     known = ("config", "study", "fit", "coupon", "design")

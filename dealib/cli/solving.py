@@ -201,6 +201,26 @@ def optimise(
 
 
 @app.command()
+def uncertainty(
+    design: Annotated[Path, typer.Argument(metavar="DESIGN", help="YAML file", readable=False)],
+    jobs: Jobs = None,
+    out: Annotated[
+        Path | None, typer.Option(help="directory; default runs/NAME-uncertainty")
+    ] = None,
+    cache: CacheFolder = FOLDER,
+    retry: Retry = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier ones")] = False,
+) -> None:
+    """Intervals, Sobol indices and probabilities of a design whose numbers scatter.
+
+    Cases solved before are not solved again. Errors are 95 % ones.
+    """
+    from dealib.cli.uncertainty import find_uncertainty
+
+    find_uncertainty(design, out, cache, jobs, retry, overwrite)
+
+
+@app.command()
 def check(config: ConfigFile, set: Set = None) -> None:
     """Validate a config and estimate its size, or a design; nothing is solved or written."""
     from dealib.config import load

@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from dealib.config.names import FilePath
 from dealib.errors import ValueAt
 from dealib.section import Section
-from dealib.units import ElectricField, Length, Rate, Stress, Time
+from dealib.units import ElectricField, Length, Rate, Stress, Time, Volume
 
 # --- mesh -----------------------------------------------------------------------------------------
 
@@ -132,6 +132,16 @@ class Damping(Section):
     )
 
 
+class Weibull(Section):
+    """Strengths that scatter from place to place: larger films fail at smaller fields."""
+
+    strength: ElectricField = Field(
+        gt=0, description="uniform field at which 63.2 % of films of the given volume fail"
+    )
+    shape: float = Field(gt=0, le=100, description="Weibull modulus m; larger scatters less")
+    volume: Volume = Field(gt=0, description="that was tested: between the electrodes, undeformed")
+
+
 class Limits(Section):
     """What the film bears; the history then says how much of it is used, 1 being the limit."""
 
@@ -143,6 +153,9 @@ class Limits(Section):
     )
     stretch_max: float | None = Field(
         None, gt=1, description="largest principal stretch of the film, from its unstretched state"
+    )
+    weibull: Weibull | None = Field(
+        None, description="breakdown by chance: the history then tells failure_probability"
     )
 
     @property

@@ -60,8 +60,12 @@ class Goals:
         return min((limit.slack(values) for limit in self.limits), default=0.0)
 
 
-def goals(plan: Plan) -> Goals:
+def goals(plan: Plan, searched: bool = True) -> Goals:
     """The goals of a design.
+
+    Args:
+        plan: The design.
+        searched: Whether its best is looked for, which needs an objective, and bounds.
 
     Raises:
         ConfigError: If one cannot be, with its place in the file.
@@ -84,7 +88,11 @@ def goals(plan: Plan) -> Goals:
         for key, sign in (("maximise", -1), ("minimise", 1))
         for where, text in given(key)
     ]
-    if not 1 <= len(aims) <= 2:
+    for name, variable in design.variables.items() if searched else ():
+        if variable.scatters:
+            said = "a distribution is for `dealib uncertainty`; give min and max, or choices"
+            raise plan.fault(("variables", name), said, "key")
+    if searched and not 1 <= len(aims) <= 2:
         raise plan.fault(
             ("maximise",) if design.maximise else (),
             "one or two objectives are needed, in maximise and minimise",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 from pydantic import Field, model_validator
 
@@ -12,9 +12,10 @@ from dealib.config import Case, load
 from dealib.config.messages import validate
 from dealib.config.names import FilePath, Name
 from dealib.config.schema import Config
-from dealib.config.settings import Destination
+from dealib.config.settings import Destination, Weibull
 from dealib.config.source import Path_, Source
 from dealib.data.schema import Amount
+from dealib.design.distributions import Correlation, Spread
 from dealib.design.keys import Key, keys
 from dealib.errors import ConfigError, ValueAt
 from dealib.section import Section
@@ -22,6 +23,7 @@ from dealib.study.expressions import inlined
 from dealib.study.scope import of_history, setting
 from dealib.units import convert, list_of
 
+Share = Annotated[float, Field(gt=0, lt=1)]
 Point = dict[str, float | str]  # by variable: a number in its unit, or the label of a choice
 if TYPE_CHECKING:
     Texts: TypeAlias = tuple[str, ...]
@@ -29,11 +31,12 @@ else:
     Texts = list_of(str)
 
 
-class Variable(Section):
-    """A number of the config within bounds, or a choice."""
+class Variable(Spread):
+    """A number of the config within bounds, one that scatters, or a choice.
 
-    min: Amount | None = Field(None, description="lower bound, such as '20 um'")
-    max: Amount | None = Field(None, description="upper bound, such as '60 um'")
+    `{mean, deviation}` is a normal distribution, `{min, max}` are bounds and a uniform one.
+    """
+
     start: Amount | None = Field(
         None, description="where a search starts; default the base's value, or the middle"
     )
@@ -45,8 +48,9 @@ class Variable(Section):
 
     @property
     def unit(self) -> str:
-        """Unit of the lower bound, in which the number is told."""
-        return self.min[1] if self.min else ""
+        """Unit in which the number is told: of the lower bound, or of the mean."""
+        given = self.min or self.mean or self.mode or self.max
+        return given[1] if given else ""
 
     @property
     def range(self) -> tuple[float, float]:
@@ -64,10 +68,13 @@ class Variable(Section):
     @model_validator(mode="after")
     def _whole(self) -> Variable:
         if self.choices is not None:
-            if given := [k for k in ("min", "max", "start") if getattr(self, k) is not None]:
+            numbers = [k for k in type(self).model_fields if k != "choices"]
+            if given := [k for k in numbers if getattr(self, k) is not None]:
                 raise ValueAt((given[0],), f"choices and {given[0]} exclude each other")
             if len(self.changes) < len(self.choices):
                 raise ValueAt(("choices",), "a choice is given twice")
+            return self
+        if self.scatters:
             return self
         for missing in ("min", "max"):
             if getattr(self, missing) is None:
@@ -88,6 +95,16 @@ class Variable(Section):
     def text(self, value: float) -> str:
         """A number as the config wants it."""
         return f"{value!r} {self.unit}".strip()
+
+
+class Sampling(Section):
+    """Where the config is solved for `dealib uncertainty`."""
+
+    samples: Literal[16, 32, 64, 128, 256, 512, 1024, 2048, 4096] = Field(
+        128, description="cases; more of them begin with the same ones"
+    )
+    seed: int = Field(0, ge=0, description="of the quasi-random points")
+    quantiles: tuple[Share, ...] = Field((0.05, 0.5, 0.95), description="that are told")
 
 
 class Search(Section):
@@ -123,6 +140,11 @@ class Design(Section):
         description="auto: the membrane if it is near the solid, which then has the last word",
     )
     search: Search = Search()
+    correlations: tuple[Correlation, ...] = Field((), description="of variables that scatter")
+    breakdown: Weibull | None = Field(
+        None, description="sets limits.weibull: the history then tells failure_probability"
+    )
+    sampling: Sampling = Sampling()
     output: Destination = Destination()
 
 
@@ -173,6 +195,29 @@ class Plan:
         """Name of the design."""
         return self.design.name or self.path.stem
 
+    def unit(self, name: str) -> str:
+        """Unit of a variable that is a number."""
+        return self.design.variables[name].unit or self.keys[name].unit
+
+    def spread(self, name: str) -> Any:
+        """The distribution of a variable, of `scipy.stats`, in its unit; of bounds a uniform one.
+
+        Raises:
+            ConfigError: If there is none, with its place.
+        """
+        variable, where = self.design.variables[name], ("variables", name)
+        if variable.choices is not None:
+            raise self.fault((*where, "choices"), "a choice does not scatter; name a number")
+        key, unit = self.keys[name], self.unit(name)
+        try:
+            usual = convert((key.value, key.unit), unit)
+        except ValueError:  # the unit is none of this number's, as is told of its key below
+            usual, unit = key.value, key.unit
+        try:
+            return variable.of(unit, usual)
+        except ValueAt as error:
+            raise self.fault((*where, *error.where), str(error)) from None
+
     def fault(
         self, where: Path_, problem: str, at: Literal["key", "value"] = "value"
     ) -> ConfigError:
@@ -202,7 +247,14 @@ class Plan:
         Raises:
             ConfigError: If the values are impossible together.
         """
-        return load(self.base, {**self.design.set, **self._changes(point), **others})
+        return load(self.base, {**self._fixed, **self._changes(point), **others})
+
+    @property
+    def _fixed(self) -> dict[str, Any]:
+        """Keys of the config that all designs set."""
+        chance = self.design.breakdown
+        more = {} if chance is None else {"limits.weibull": chance.model_dump()}
+        return {**self.design.set, **more}
 
     def _changes(self, point: Mapping[str, float | str]) -> dict[str, Any]:
         return dict(pair for name, value in point.items() for pair in self._changed(name, value))
@@ -211,7 +263,7 @@ class Plan:
         """Keys of the config that a variable sets."""
         variable = self.design.variables[name]
         if variable.choices is None:
-            yield name, variable.text(float(value))
+            yield name, f"{float(value)!r} {self.unit(name)}".strip()
             return
         given = variable.changes[str(value)]
         yield from given.items() if isinstance(variable.choices, dict) else [(name, given)]
@@ -219,13 +271,16 @@ class Plan:
     def _load(self, changes: dict[str, Any], where: Path_) -> Case:
         at: Literal["key", "value"] = "key" if where[0] == "variables" else "value"
         try:
-            return load(self.base, {**self.design.set, **changes})
+            return load(self.base, {**self._fixed, **changes})
         except ConfigError as error:
             raise self.fault(where, f"in {self.base}, {error}", at) from None
 
     def _begin(self, name: str, variable: Variable, own: Config) -> float:
         """Where a search begins in a number; its key is found, too."""
         where = ("variables", name)
+        if variable.scatters:
+            self.keys[name] = self._key(name, own)
+            return float(self.spread(name).mean())
         low, high = variable.range
         try:
             self.keys[name] = self._key(name, own)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from mpi4py import MPI
 
@@ -17,7 +18,7 @@ from dealib.fem.newton import Newton
 from dealib.fem.potential import Problem
 from dealib.results import local, stress
 from dealib.results.electrodes import Rings
-from dealib.results.elements import Array, gradients
+from dealib.results.elements import Array, determinant, gradients
 from dealib.results.margins import Film, layered, mounted_fresh
 from dealib.results.thickness import Columns, edges
 
@@ -86,6 +87,15 @@ class FilmPoints:
         film = Film.of(material, mounted_fresh(config, group.regions[0]), frame)
         columns = _columns(config, group, layout, nodes, points, comm)
         return cls(film, group, layout, cells, points, columns, comm)
+
+    @cached_property
+    def volumes(self) -> Array:
+        """Volume of the device as mounted that each point stands for, (cells, points), mm^3."""
+        k, cell, at = self.points.kinematics, self.layout.cell, self.points.position
+        mesh = self.layout.nodes[self.cells][..., list(k.lies)]
+        jacobian = np.swapaxes(mesh, 1, 2)[:, None] @ cell.shape(cell.gauss)[1]
+        size = np.abs(determinant(jacobian)) * k.volumes(at) / len(cell.gauss) * cell.size
+        return np.asarray(size * (self.film.material.thickness or 1.0))
 
     def nodal(self) -> Array:
         """Nodal values of the cells in the present state, (cells, nodes, columns)."""

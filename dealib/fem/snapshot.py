@@ -213,6 +213,11 @@ class Snapshot:
         self.peaks[name] = Extremum(*max(self.comm.allgather(mine)))
         return self.peaks[name].value
 
+    def integral(self, of: Callable[[FilmState], Any]) -> float:
+        """Integral over the films, as mounted, of values at their points (collective)."""
+        mine = sum(float((of(state) * state.points.volumes).sum()) for state in self.states)
+        return float(self.comm.allreduce(mine))
+
     def film_has(self, what: Callable[[Film], bool]) -> bool:
         """Whether a film has a property."""
         return any(what(points.film) for points in self.films)

@@ -102,6 +102,7 @@ def _films(config: Any) -> list[Any]:
 
 
 _STRENGTH = Need("limits.breakdown_strength", lambda c: c.limits.breakdown is not None)
+_WEIBULL = Need("limits.weibull", lambda c: c.limits.weibull is not None)
 _STRETCH = Need("limits.stretch_max", lambda c: c.limits.stretch_max is not None)
 _SOFTENING = Need(
     "a film that can lose its stiffness, such as mooney_rivlin with c01 below 0",
@@ -171,6 +172,16 @@ def _breakdown(s: Snapshot) -> float:
     return float(s.peak("breakdown_use", lambda f: np.linalg.norm(f.k.e, axis=-1) / strength))
 
 
+def _failure(s: Snapshot) -> float:
+    """1 - exp(-integral of (E / E0)^m dV / V0), over the undeformed volume.
+
+    (W. Weibull, J. Appl. Mech. 18 (1951) 293, of the weakest link.)
+    """
+    w = s.config.limits.weibull
+    of = s.integral(lambda f: (np.linalg.norm(f.k.e, axis=-1) / w.strength) ** w.shape)
+    return float(-np.expm1(-of / w.volume))
+
+
 def _stretch(s: Snapshot) -> float:
     allowed = s.config.limits.stretch_max
     return float(s.peak("stretch_use", lambda f: f.principal_stretch / allowed))
@@ -232,6 +243,7 @@ QUANTITIES: tuple[Quantity, ...] = (
     ),
     Q("tension_min_MPa", "MPa", "smallest tension", _tension),
     Q("breakdown_use", "", "breakdown", _breakdown, _STRENGTH),
+    Q("failure_probability", "", "probability of breakdown", _failure, _WEIBULL),
     Q(
         *("wrinkling_use", "", "wrinkling"),
         lambda s: s.peak("wrinkling_use", lambda f: f.film.wrinkling(f.tensions)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import product
+from math import factorial
 from typing import Any
 
 import numpy as np
@@ -105,6 +106,11 @@ class Cell:
     def dim(self) -> int:
         """Topological dimension."""
         return len(_CORNERS[self.name][0])
+
+    @property
+    def size(self) -> float:
+        """Volume of the reference cell."""
+        return 1 / factorial(self.dim) if self.name in SIMPLICES else 1.0
 
     @property
     def corners(self) -> int:

@@ -1,4 +1,4 @@
-"""Tables beside a run: of modes and their frequencies, of responses, of sensitivities."""
+"""Tables beside a run: of modes, frequencies, responses, sensitivities, uncertainties."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 MODES, FREQUENCIES, RESPONSE = "modes.csv", "frequencies.csv", "response.csv"
 SENSITIVITY = "sensitivity.csv"
+SAMPLES, SUMMARY, SOBOL = "samples.csv", "summary.csv", "sobol.csv"
 SHAPES, CIRCUIT = "modes.xdmf", "circuit.csv"
 
 

@@ -1,0 +1,169 @@
+"""What is known of the results of a config whose numbers scatter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from dealib.cases.job import Ended, Job, run
+from dealib.cases.workers import Pool
+from dealib.design.designs import as_model
+from dealib.design.distributions import Joint
+from dealib.design.evaluate import Evaluation, job, read
+from dealib.design.goals import goals
+from dealib.design.propagation import Samples
+from dealib.design.schema import Plan
+from dealib.errors import ConfigError, NotConverged, did_you_mean
+from dealib.results.elements import Array
+from dealib.units import convert
+
+if TYPE_CHECKING:
+    import pandas
+
+Solve = Callable[[Sequence[Job]], Iterable[Ended]]
+UNSOLVED = "no result"  # its row in the summary
+
+
+class Tables(NamedTuple):
+    """Rows of `samples.csv`, `summary.csv` and `sobol.csv`."""
+
+    samples: list[dict[str, Any]]
+    summary: list[dict[str, Any]]
+    sobol: list[dict[str, Any]]
+
+
+def uncertainty(
+    path: str | Path, jobs: int = 1, cache: str | Path = "runs/studies/cases"
+) -> tuple[pandas.DataFrame, pandas.DataFrame, pandas.DataFrame]:
+    """Intervals, Sobol indices and probabilities of a design whose variables scatter.
+
+    Args:
+        path: The file of the design.
+        jobs: Processes that solve its cases; with more than one, a script guards what it does by
+            `if __name__ == "__main__":`.
+        cache: Folder of solved cases.
+
+    Returns:
+        The tables of `summary.csv`, `sobol.csv` and `samples.csv`.
+
+    Raises:
+        ConfigError: If the file is wrong, with its place.
+        NotConverged: If too few samples have a result.
+    """
+    import pandas as pd
+
+    with Pool(jobs) as pool:
+        solve: Solve = pool.solve if jobs > 1 else lambda missing: map(run, missing)
+        found = find(Plan(Path(path)), Path(cache), solve)
+    return pd.DataFrame(found.summary), pd.DataFrame(found.sobol), pd.DataFrame(found.samples)
+
+
+def joint(plan: Plan) -> Joint:
+    """The distributions of a design, in the units of its variables.
+
+    Raises:
+        ConfigError: If there are none, with the place in the file.
+    """
+    names = tuple(plan.design.variables)
+    matrix = np.eye(len(names))
+    for k, pair in enumerate(plan.design.correlations):
+        where = ("correlations", k, "between")
+        for name in pair.between:
+            if name not in names:
+                raise plan.fault(where, f"{name!r} is no variable{did_you_mean(name, names)}")
+        i, j = map(names.index, pair.between)
+        if matrix[i, j]:
+            raise plan.fault(where, "one variable, or a pair that is given twice")
+        matrix[i, j] = matrix[j, i] = pair.coefficient
+    if np.linalg.eigvalsh(matrix)[0] < 1e-9:
+        raise plan.fault(("correlations",), "no variables have all these correlations", "key")
+    return Joint(names, tuple(map(plan.spread, names)), matrix)
+
+
+def find(plan: Plan, cache: Path, solve: Solve, retry: bool = False) -> Tables:
+    """Solve the cases of a design, and tell what is known of its quantities.
+
+    Args:
+        plan: The design.
+        cache: Folder of solved cases.
+        solve: Solves those that are missing.
+        retry: Solve those again that have no result.
+
+    Raises:
+        ConfigError: If the design is wrong, with the place in the file.
+        NotConverged: If too few samples have a result.
+    """
+    variables, asked = joint(plan), goals(plan, searched=False)
+    if not asked.asked:
+        raise plan.fault((), "name what is asked for, in quantities or subject_to")
+    of, least = plan.design.sampling, 2 * len(variables.names) + 2
+    if of.samples < least:
+        said = f"{of.samples} samples are too few for so many variables; take {least} or more"
+        raise plan.fault(("sampling", "samples"), said)
+    errors: dict[int, str] = {}
+    at_means: list[Evaluation] = []
+
+    def model(x: Array) -> dict[str, Array]:
+        points = [variables.means, *x]
+        jobs = [_job(plan, k, point, asked.asked, cache) for k, point in enumerate(points)]
+        known = {j.key: read(j) for j in jobs}
+        missing = [j for j in jobs if (e := known[j.key]) is None or (retry and e.error)]
+        for ended in solve(missing):
+            known[ended.job.key] = read(ended.job) or Evaluation({}, {}, ended.error)
+        found = [known[j.key] or Evaluation({}, {}, "not solved") for j in jobs]
+        errors.update((k, one.error) for k, one in enumerate(found) if one.error)
+        at_means.append(found[0])
+        return {q: np.array([e.values.get(q, np.nan) for e in found[1:]]) for q in asked.asked}
+
+    try:
+        samples = Samples(variables, model, of.samples, of.seed, of.quantiles)
+    except NotConverged as error:
+        raise NotConverged(f"{error}; the first one: {errors[min(errors)]}") from None
+    slopes, summary, sobol = at_means[0].slopes, list[dict[str, Any]](), list[dict[str, Any]]()
+    for name in asked.asked:
+        known = samples.known(name)
+        told = {k: value for k, (value, _) in known.numbers.items()}
+        told |= {f"{k}_error": error for k, (_, error) in known.numbers.items()}
+        told["linear_deviation"] = _linear(plan, variables, slopes.get(name, {}))
+        summary.append({"quantity": name, **told, "explained": known.explained})
+        for key, (first, off) in known.first.items():
+            total, by = known.total[key]
+            indices = {"first": first, "first_error": off, "total": total, "total_error": by}
+            sobol.append({"quantity": name, "key": key, **indices})
+    for limit in asked.limits:
+        text = f"{limit.name} {'<=' if limit.sign > 0 else '>='} {limit.bound:g}"
+        chance = samples.beyond(limit.name, limit.bound, limit.sign)
+        summary.append({"quantity": text, **chance._asdict()})
+    summary.append({"quantity": UNSOLVED, **samples.unsolved._asdict()})
+    units = ((n, plan.unit(n)) for n in variables.names)
+    columns = [*(f"{n} [{unit}]" if unit else n for n, unit in units), *samples.values]
+    rows = np.column_stack([samples.x, *samples.values.values()]).tolist()
+    table = [
+        {"sample": k, **dict(zip(columns, row, strict=True)), "error": errors.get(k, "")}
+        for k, row in enumerate(rows, start=1)
+    ]
+    return Tables(table, summary, sobol)
+
+
+def _job(plan: Plan, k: int, point: Array, asked: Mapping[str, str], cache: Path) -> Job:
+    """The case of a sample, or, as number 0, that of the means, which finds the slopes, too."""
+    names = tuple(plan.design.variables)
+    model = {} if plan.design.model == "auto" else as_model(plan, plan.design.model)
+    try:
+        case = plan.case(dict(zip(names, point.tolist(), strict=True)), **model)
+    except ConfigError as error:
+        said = f"sample {k}: min and max keep a variable where it can be: {error}"
+        raise plan.fault(("variables",), said, "key") from None
+    label = f"{plan.name}: {f'sample {k}' if k else 'means'}"
+    return job(label, case, cache, asked, () if k else names)
+
+
+def _linear(plan: Plan, variables: Joint, slopes: Mapping[str, float]) -> float:
+    """Deviation by slopes in internal units; NaN if a variable has none."""
+    factors = [convert((1.0, plan.unit(n)), plan.keys[n].unit) for n in variables.names]
+    along = np.array([slopes.get(n, np.nan) for n in variables.names])
+    parts = along * factors * variables.deviations
+    return float(np.sqrt(parts @ variables.correlation @ parts))
