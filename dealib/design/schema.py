@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from pydantic import Field, model_validator
 
-from dealib.calibration.schema import Destination
 from dealib.config import Case, load
 from dealib.config.messages import validate
 from dealib.config.names import FilePath, Name
@@ -100,6 +99,12 @@ class Search(Section):
     margin: float = Field(
         1e-5, ge=0, lt=0.1, description="how far inside each limit it aims, of the limit"
     )
+
+
+class Destination(Section):
+    """Where results go."""
+
+    directory: FilePath | None = Field(None, description="default runs/NAME-optimum")
 
 
 class Design(Section):
