@@ -141,7 +141,9 @@ def test_readme_is_short_and_leads_to_every_page():
     assert len(README.splitlines()) <= 220
     for page in GUIDE:
         assert f"](notebooks/guide/{page.name})" in README, page
-        assert re.match(r"# .+\n\nThis page is for everyone who(se)? ", page.read_text("utf-8")), page
+        assert re.match(r"# .+\n\nThis page is for everyone who(se)? ", page.read_text("utf-8")), (
+            page
+        )
 
 
 def test_pictures_are_shown():
