@@ -56,7 +56,8 @@ def coarse(text):
     """A config or study that solves a hundred times as fast."""
     text = re.sub(r"\bcolumns: \d+", "columns: 8", text)
     text = re.sub(r"\bfilm_rows: \d+", "film_rows: 1", text)
-    text = re.sub(r"\bsteps: (\d+)", lambda m: f"steps: {min(int(m[1]), 8)}", text)
+    text = re.sub(r"\bsteps: (\d+)", lambda m: f"steps: {min(int(m[1]), 6)}", text)
+    text = re.sub(r"\bcycles: \d+", "cycles: 1", text)
     text = text.replace("[50 ms, 1 s, 10 s, 100 s, 2000 s]", "[50 ms, 100 s, 2000 s]")  # of rates
     return re.sub(r"\bair_height: \S+ mm", "air_height: 0 mm", text)
 
