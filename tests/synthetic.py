@@ -95,7 +95,7 @@ DEAP100_LABEL = """\
 
 
 def deap100():
-    """Content of the file that README compares a run with."""
+    """Content of the file that the guide compares a run with."""
     modulus = f"materials.film.youngs_modulus={MODULUS} MPa"
     quick = [modulus, "geometry.air_height=0 mm", "mesh.columns=30", "mesh.film_rows=2"]
     case = dealib.load(FITS.parent / "deap100.yaml", quick)

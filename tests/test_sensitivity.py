@@ -404,9 +404,9 @@ def test_the_command_writes_draws_and_prints(tmp_path):
     )
 
 
-def test_readme_shows_what_the_command_prints(tmp_path):
-    readme = (CONFIGS.parent / "README.md").read_text(encoding="utf-8")
-    section = readme.partition("\n## Design\n")[2].partition("\n## ")[0]
+def test_the_guide_shows_what_the_command_prints(tmp_path):
+    page = CONFIGS.parent / "notebooks" / "guide" / "design.md"
+    section = page.read_text(encoding="utf-8").partition("\n## Design\n")[2].partition("\n## ")[0]
     line = shlex.split(section.strip().splitlines()[0])
     assert line[:3] == [".venv/bin/dealib", "sensitivity", "configs/deap100.yaml"]
     path = CONFIGS / "deap100.yaml"

@@ -35,5 +35,5 @@ def told(error: Exception, arguments: Sequence[str]) -> str:
         lines.append(f"The traceback and the versions are in {file.name} (-v shows them here).")
     except OSError:
         lines.append(facts)
-    lines.append("Please report it: send that file, and the input if you may (see README, Faults).")
+    lines.append("Please report it: send that file, and the input if you may (see README, Help).")
     return "\n".join([*lines, facts] if verbose() else lines)

@@ -91,7 +91,7 @@ def data(
     dark: Dark = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """Show what is read from a measured file: how, which columns, and a picture of them."""
+    """Show how a measured file is read: format, columns and a picture of them."""
     from dealib.cli.data import show
 
     show(file, set or [], x, out, dark, overwrite)
@@ -195,14 +195,14 @@ def materials(
         typer.Option("--set", metavar="KEY=VALUE", help="a parameter, such as c10='0.25 MPa'"),
     ] = None,
     config: Annotated[Path | None, typer.Option(help="take the law from this config")] = None,
-    region: Annotated[str, typer.Option(help="of the config: film or electrode")] = "film",
+    region: Annotated[str, typer.Option(help="region of the config")] = "film",
     out: Annotated[Path | None, typer.Option(help="picture; default LAW.png")] = None,
     stretch: Annotated[float, typer.Option(min=1.01, max=10, help="largest stretch")] = 2.0,
     library: Annotated[Path | None, typer.Option(help="YAML file of your own materials")] = None,
     dark: Dark = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """List laws and known materials, or draw one's own response and its stability limit."""
+    """List material laws and known materials, or draw one with its stability limit."""
     from dealib.cli import materials as command
     from dealib.config.library import known
     from dealib.errors import ConfigError
@@ -250,13 +250,13 @@ def bias(
 def sense(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="run directories")],
     at: Annotated[
-        str | None, typer.Option(metavar="PF,KV", help="only turn this state into a displacement")
+        str | None, typer.Option(metavar="PF,KV", help="only find the displacement of this state")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="picture; default in RUN/plots/")] = None,
     dark: Dark = False,
     overwrite: Overwrite = False,
 ) -> None:
-    """Map the capacitance over displacement and voltage, and go back from it (self-sensing)."""
+    """Map the capacitance over displacement and voltage; find displacements from it."""
     from dealib.cli.sense import sense as draw
 
     typer.echo(draw(runs, at, out, dark, overwrite))

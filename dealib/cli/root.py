@@ -36,7 +36,7 @@ def _before_each(
             "--verbose",
             "-v",
             envvar="DEALIB_VERBOSE",
-            help="tell more, also after the command: steps, increments, tracebacks",
+            help="print more: steps, increments, tracebacks; also after the command",
         ),
     ] = False,
     version: Annotated[
@@ -50,7 +50,7 @@ ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file", 
 RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="run directory", readable=False)]
 Set = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="override a key, such as mesh.columns=80"),
+    typer.Option("--set", metavar="KEY=VALUE", help="change a key, such as mesh.columns=80"),
 ]
 Ranks = Annotated[int, typer.Option("--mpi", min=1, help="number of MPI ranks")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="replace the file given by --out")]
@@ -65,7 +65,7 @@ Step = Annotated[
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="YAML file, or a folder of them")]
 StudyOut = Annotated[Path | None, typer.Option(help="folder; default runs/studies/NAME")]
 FOLDER = Path("runs/studies/cases")
-CacheFolder = Annotated[Path, typer.Option(help="where solved cases are kept, by their physics")]
+CacheFolder = Annotated[Path, typer.Option(help="folder of solved cases")]
 Jobs = Annotated[
     int | None, typer.Option("-j", "--jobs", min=1, help="processes; default all cores")
 ]

@@ -35,7 +35,7 @@ def run(
     ] = False,
     mpi: Ranks = 1,
 ) -> None:
-    """Run a config; with -v it shows increments and Newton's residuals."""
+    """Solve a config into a run directory; -v also shows increments and Newton residuals."""
     from dealib.config import load
 
     case = load(config, set)
@@ -63,18 +63,20 @@ def modes(
     count: Annotated[int, typer.Option(min=1, max=50, help="how many modes, from the lowest")] = 8,
     at: Annotated[
         list[str] | None,
-        typer.Option(metavar="STAGE", help="at the end of this stage; repeat for more; the last"),
+        typer.Option(
+            metavar="STAGE", help="stage at whose end modes are found; repeatable; default last"
+        ),
     ] = None,
     along: Annotated[
         str | None,
-        typer.Option(metavar="STAGE", help="frequencies at each state of this stage, too"),
+        typer.Option(metavar="STAGE", help="also the frequencies over this stage"),
     ] = None,
     set: Set = None,
     out: Annotated[Path | None, typer.Option(help="directory; default RUN-modes")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier ones")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier results")] = False,
     mpi: Ranks = 1,
 ) -> None:
-    """Natural frequencies and shapes about the states at the ends of stages.
+    """Find natural frequencies and mode shapes about the states at the ends of stages.
 
     Ports that are driven by their value are held; loaded ones are free, with what hangs on them;
     terminals with a given charge are open. A mode that grows has a negative frequency: minus its
@@ -97,26 +99,28 @@ def respond(
     config: ConfigFile,
     low: Annotated[str, typer.Option("--from", metavar="FREQUENCY", help="such as 1 Hz")],
     high: Annotated[str, typer.Option("--to", metavar="FREQUENCY", help="such as 1 kHz")],
-    points: Annotated[int, typer.Option(min=2, max=10_000, help="at equal ratios")] = 100,
-    refine: Annotated[bool, typer.Option(help="add points where the response turns")] = True,
+    points: Annotated[
+        int, typer.Option(min=2, max=10_000, help="frequencies, at equal ratios")
+    ] = 100,
+    refine: Annotated[bool, typer.Option(help="add points where it changes quickly")] = True,
     of: Annotated[
-        str | None, typer.Option(metavar="TERMINAL", help="that is driven; default the first one")
+        str | None, typer.Option(metavar="TERMINAL", help="the driven terminal; default the first")
     ] = None,
     at: Annotated[
-        str | None, typer.Option(metavar="STAGE", help="at the end of this stage; default the last")
+        str | None, typer.Option(metavar="STAGE", help="stage whose end is taken; default the last")
     ] = None,
-    series_resistance: Annotated[str, typer.Option(metavar="R", help="of the driver")] = "0 ohm",
-    series_inductance: Annotated[str, typer.Option(metavar="L", help="of the driver")] = "0 H",
+    series_resistance: Annotated[str, typer.Option(metavar="R", help="in the driver")] = "0 ohm",
+    series_inductance: Annotated[str, typer.Option(metavar="L", help="in the driver")] = "0 H",
     sound_at: Annotated[
         str | None,
-        typer.Option(metavar="DISTANCE", help="on the axis of a disc or annulus in a baffle"),
+        typer.Option(metavar="DISTANCE", help="also its sound, this far away on the axis"),
     ] = None,
     set: Set = None,
     out: Annotated[Path | None, typer.Option(help="directory; default RUN-response")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier one")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier results")] = False,
     mpi: Ranks = 1,
 ) -> None:
-    """Small-signal spectrum about a state: displacement, force, charge, current, impedance.
+    """Find the small-signal spectrum of displacement, force, charge, current and impedance.
 
     A small voltage is added to that of a terminal; the other ports stay driven as they are. Maxwell
     branches have relaxed before. With sensing.sheet_resistance the electrodes conduct along
@@ -154,14 +158,16 @@ def sensitivity(
     ] = None,
     at: Annotated[
         str | None,
-        typer.Option(metavar="STAGE", help="take columns at its end; default the last one's"),
+        typer.Option(
+            metavar="STAGE", help="stage at whose end columns are taken; default the last"
+        ),
     ] = None,
     set: Set = None,
     out: Annotated[Path | None, typer.Option(help="directory; default RUN-sensitivity")] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier ones")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier results")] = False,
     mpi: Ranks = 1,
 ) -> None:
-    """How results follow each number of a config: d ln(quantity) / d ln(key), from one run.
+    """Sensitivities of results to each number of a config: d ln(quantity) / d ln(key).
 
     A quantity is an expression over the history, as in studies (configs/studies/REFERENCE.md). The
     numbers are moduli, permittivity, pre-stretch, thicknesses, radii, loads, voltages and so on.
@@ -295,10 +301,10 @@ def export(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier tables")] = False,
     resume: Annotated[bool, typer.Option("--resume", help="go on with unfinished tables")] = False,
     fmu: Annotated[
-        bool, typer.Option("--fmu", help="write DIRECTORY/NAME.fmu, too (needs a C compiler)")
+        bool, typer.Option("--fmu", help="also write DIRECTORY/NAME.fmu (needs a C compiler)")
     ] = False,
 ) -> None:
-    """Tables F(u, V), Q(u, V), C(u, V) of a config for system simulation: CSV, HDF5, MAT, FMU.
+    """Write tables F(u, V), Q(u, V), C(u, V) for system simulation: CSV, HDF5, MAT, FMU.
 
     The config's `tables` gives the grid. dealib.tables(DIRECTORY) reads them back in Python, with
     an interpolant whose force and charge come from one energy. An FMU (FMI 2.0, co-simulation,
@@ -319,7 +325,7 @@ def calibrate(
     resume: Annotated[bool, typer.Option("--resume", help="go on with an earlier fit")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier fit")] = False,
 ) -> None:
-    """Fit parameters of a config, or a material to tests of it, to measured curves.
+    """Fit parameters of a config to measured curves, or a material to coupon tests.
 
     Cases solved before are not solved again.
     """
@@ -336,7 +342,7 @@ def study(
     cache: CacheFolder = FOLDER,
     retry: Retry = False,
 ) -> None:
-    """Solve what a study lacks, draw its figures, say which windows hold, write a gallery."""
+    """Solve the missing cases of a study, draw and compare them, and write a gallery."""
     from dealib.cli.study import run_study
 
     run_study(study, out, cache, jobs, retry)
@@ -349,9 +355,9 @@ def sweep(
     out: StudyOut = None,
     cache: CacheFolder = FOLDER,
     retry: Retry = False,
-    mpi: Annotated[int, typer.Option(min=1, help="MPI ranks instead: one hands out")] = 1,
+    mpi: Annotated[int, typer.Option(min=1, help="MPI ranks instead of processes")] = 1,
 ) -> None:
-    """Solve all cases of a study, past failing ones, with a growing summary.csv.
+    """Solve all cases of a study, also after failures, with a growing summary.csv.
 
     Under mpirun, for several machines, its ranks are the workers.
     """

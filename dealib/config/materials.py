@@ -37,8 +37,8 @@ class Named(BaseModel):
 
     library: str | None = Field(
         None,
-        description="take what is not given from this material: a published one (see dealib "
-        "materials), or one of the config's own `library`",
+        description="material that supplies all values not given here: a published one (see "
+        "dealib materials) or one of the config's `library`",
         json_schema_extra=lambda node: node.update({"examples": list(library())}),
     )
 
@@ -52,7 +52,9 @@ class Properties(Named):
         "conducts",
     )
     density: Density | None = Field(
-        None, gt=0, description="unstretched; what moves in time needs it, such as 960 kg/m^3"
+        None,
+        gt=0,
+        description="density of the unstretched material, such as 960 kg/m^3; needed for motion",
     )
     prestretch: Annotated[
         tuple[Stretch, Stretch],

@@ -56,7 +56,9 @@ class MountInput(_Port):
     mass: Masses | None = Field(None, description="suspended: force -m g")
     spring: Spring | None = Field(None, description="linear spring to a moving anchor")
     bias: tuple[BiasElement, ...] | None = Field(
-        None, min_length=1, description="springs, masses, a second film, side by side"
+        None,
+        min_length=1,
+        description="list of springs, masses or a second film whose forces add up",
     )
 
     @property
@@ -111,30 +113,38 @@ class Stage(Section):
         min_length=1, description="name; `prestrain` ramps the materials' pre-stretch from 1"
     )
     duration: Time = Field(1.0, gt=0, description="of one cycle")
-    steps: int = Field(1, ge=1, description="equal increments a cycle; cut where Newton fails")
+    steps: int = Field(
+        1, ge=1, description="equal increments per cycle; halved where Newton's method fails"
+    )
     cycles: int = Field(1, ge=1, description="repetitions")
-    mount: MountInput | None = Field(None, description="unchanged if not given")
-    terminal: TerminalInput | None = Field(None, description="unchanged if not given")
-    chamber: ChamberInput | None = Field(None, description="unchanged if not given")
-    turn: TurnInput | None = Field(None, description="unchanged if not given")
+    mount: MountInput | None = Field(
+        None, description="input of the stage; keeps its last value if not given"
+    )
+    terminal: TerminalInput | None = Field(
+        None, description="input of the stage; keeps its last value if not given"
+    )
+    chamber: ChamberInput | None = Field(
+        None, description="input of the stage; keeps its last value if not given"
+    )
+    turn: TurnInput | None = Field(
+        None, description="input of the stage; keeps its last value if not given"
+    )
     mounts: dict[str, MountInput] | None = Field(
-        None, description="where there are several: by name"
+        None, description="if there are several: inputs by name"
     )
     terminals: dict[str, TerminalInput] | None = Field(
-        None, description="where there are several: by name"
+        None, description="if there are several: inputs by name"
     )
     chambers: dict[str, ChamberInput] | None = Field(
-        None, description="where there are several: by name"
+        None, description="if there are several: inputs by name"
     )
     turns: dict[str, TurnInput] | None = Field(
-        None, description="where there are several: by name, such as PLATE.about_Z"
+        None, description="if there are several: inputs by name, such as PLATE.about_Z"
     )
-    stop_when: tuple[Condition, ...] = Field(
-        (), description="ends the stage at a state that meets one"
-    )
+    stop_when: tuple[Condition, ...] = Field((), description="conditions that end the stage")
 
     dynamic: bool = Field(
-        False, description="integrate the equations of motion; its steps are then steps in time"
+        False, description="integrate the equations of motion; the steps are steps in time"
     )
     follow: Follow | None = Field(
         None, description="follow the branch of equilibria instead, past limit points"

@@ -35,27 +35,28 @@ class Config(Section):
     description: str = Field("", description="one line, shown in reports")
     library: str | None = Field(
         None,
-        description="YAML file of materials of your own, beside this one; they are then known to "
-        "`library` of a material, as the published ones are",
+        description="YAML file with your own materials, in this folder; `library` of a material"
+        " then finds them",
     )
-    geometry: Geometry = Field(description="what the device is made of: by `shape`")
+    geometry: Geometry = Field(description="shape and dimensions of the device")
     regions: dict[str, str] | None = Field(
-        None, description="of an own mesh: materials of regions whose names are no materials"
+        None,
+        description="own mesh: material of each region whose name is not a material",
     )
     mesh: Mesh = Mesh()
     materials: Materials = Field(min_length=1, description="by region")
     terminals: dict[str, Terminal] | None = Field(
-        None, description="electrodes by name; default those that the base brings"
+        None, description="electrodes by name; default those usual for the base"
     )
     mounts: dict[str, Mount] | None = Field(
-        None, description="rigid moving parts by name; default those that the base brings"
+        None, description="rigid moving parts by name; default those usual for the base"
     )
     holds: tuple[Hold, ...] | None = Field(
-        None, description="what does not move; default what the base brings"
+        None, description="what does not move; default what is usual for the base"
     )
     chambers: dict[str, Chamber] | None = Field(None, description="closed spaces by name")
     probes: dict[Name, Probe] | None = Field(
-        None, description="what else the history has, each a column of its name and unit"
+        None, description="additional columns of the history, by name"
     )
     physics: Physics = Physics()
     damping: Damping = Damping()
@@ -63,9 +64,7 @@ class Config(Section):
     sensing: Sensing = Sensing()
     solver: Solver = Solver()
     program: tuple[Stage, ...] = Field(min_length=1)
-    stop_when: tuple[Condition, ...] = Field(
-        (), description="ends the run at a state that meets one"
-    )
+    stop_when: tuple[Condition, ...] = Field((), description="conditions that end the run")
     output: Output = Output()
     tables: Tables | None = Field(None, description="for system simulation; see dealib export")
 

@@ -12,10 +12,11 @@ from dealib.units import Resistance
 
 
 class Sensing(Section):
-    """What a driver or a sensor sees of the device: further columns of the history."""
+    """Electrical quantities for drivers and sensors: additional columns of the history."""
 
     differential: bool = Field(
-        False, description="small-signal capacitances and stiffness; costs one more tangent a step"
+        False,
+        description="small-signal capacitances and stiffness; costs one more tangent per step",
     )
     sheet_resistance: Resistance | None = Field(
         None, gt=0, description="of each electrode as mounted, in ohm per square; default none"
@@ -25,8 +26,8 @@ class Sensing(Section):
     )
     charging: bool = Field(
         False,
-        description="the electrodes charge through it in time, from the contact on; needs "
-        "sheet_resistance",
+        description="the electrodes charge in time through their resistance, from the contact; "
+        "needs sheet_resistance",
     )
     contact: str | None = Field(
         None,

@@ -76,7 +76,9 @@ class Physics(Section):
         "above a few thousand shear moduli",
     )
     air_stiffness: Stress = Field(
-        1e-6, gt=0, description="fictitious, carries the air's mesh; results do not depend on it"
+        1e-6,
+        gt=0,
+        description="fictitious, moves the mesh of the air; results do not depend on it",
     )
 
 
@@ -104,8 +106,8 @@ class Solver(Section):
         0.8,
         ge=0,
         le=1,
-        description="of dynamic stages: share that the fastest vibrations keep in a step; 1: no "
-        "algorithmic dissipation",
+        description="dynamic stages: spectral radius for the fastest vibrations; 1: no "
+        "numerical dissipation",
     )
     predictor_order: int = Field(
         7,
@@ -124,7 +126,7 @@ class Solver(Section):
 
 
 class Damping(Section):
-    """Rayleigh damping of what moves in time: forces in proportion to velocities."""
+    """Rayleigh damping of motion and spectra: forces proportional to velocities."""
 
     mass: Rate = Field(0.0, ge=0, description="a of the damping a M + b K, such as 5 1/s")
     stiffness: Time = Field(
@@ -143,13 +145,13 @@ class Weibull(Section):
 
 
 class Limits(Section):
-    """What the film bears; the history then says how much of it is used, 1 being the limit."""
+    """Limits of the film; the history has the used share of each, 1 being the limit."""
 
     breakdown_strength: ElectricField | None = Field(
         None, gt=0, description="of the film's material; default none"
     )
     electrode_knockdown: float = Field(
-        1.0, gt=0, le=1, description="share of the strength that is left between real electrodes"
+        1.0, gt=0, le=1, description="share of the breakdown strength that real electrodes leave"
     )
     stretch_max: float | None = Field(
         None, gt=1, description="largest principal stretch of the film, from its unstretched state"

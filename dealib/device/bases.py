@@ -119,7 +119,7 @@ class Annulus(Base):
     mirrors: ClassVar[str] = "XY"
 
     kind: Literal["annulus"]
-    inner_radius: Length = Field(gt=0, description="where it begins")
+    inner_radius: Length = Field(gt=0, description="radius of the inner end")
     outer_radius: Length = Field(gt=0, description="where it ends")
 
     @property
@@ -186,7 +186,7 @@ class Tube(Base):
     mount: ClassVar[str | None] = "high"
 
     kind: Literal["tube"]
-    inner_radius: Length = Field(gt=0, description="of the bore")
+    inner_radius: Length = Field(gt=0, description="radius of the bore")
     length: Length = Field(gt=0, description="from Z = 0")
 
     @property

@@ -32,11 +32,11 @@ else:
 class Terminal(Section):
     """An electrode: a conducting region, or a face that carries one without thickness."""
 
-    on: Names = Field(description="regions and faces that it consists of")
+    on: Names = Field(description="regions and faces that form the electrode")
     within: Covered | None = Field(
         None, description="part of the face, [from, to] along the base; default all of it"
     )
-    ground: bool = Field(False, description="it is at 0 V, and no port")
+    ground: bool = Field(False, description="the electrode is grounded (0 V) and is not a port")
 
 
 class Mount(Section):
@@ -49,7 +49,7 @@ class Mount(Section):
 
     on: Names = Field(description="regions and boundaries that are fixed to it")
     along: str | None = Field(None, description="axis of its motion, such as Z")
-    rigid: bool = Field(False, description="it moves along all axes, and turns about them")
+    rigid: bool = Field(False, description="the mount moves along all axes and turns about them")
     centre: tuple[Length, ...] | None = Field(
         None,
         min_length=2,
@@ -57,7 +57,7 @@ class Mount(Section):
         description="of a rigid mount, in the mesh; default the middle of the box around it",
     )
     mass: Mass = Field(0.0, ge=0, description="of the rigid part, for motion in time")
-    free: Some = Field((), description="axes along which it does not hold the body")
+    free: Some = Field((), description="axes along which the body may slide")
 
     @model_validator(mode="after")
     def _one_kind(self) -> Mount:
@@ -83,12 +83,14 @@ class Opening(Section):
     diameter: Length | None = Field(None, gt=0, description="of an orifice")
     discharge: float = Field(0.6, gt=0, le=1, description="coefficient of an orifice")
     conductance: FlowConductance | None = Field(
-        None, gt=0, description="of a channel: volume a time and pressure, such as 10 mm^3/s/kPa"
+        None, gt=0, description="flow through a channel per pressure, such as 10 mm^3/s/kPa"
     )
     valve: Literal["in", "out"] | None = Field(
-        None, description="check valve: what flows only into the chamber, or only out of it"
+        None, description="check valve: flow only into the chamber, or only out of it"
     )
-    pressure: Stress = Field(0.0, description="on its other side, above that outside")
+    pressure: Stress = Field(
+        0.0, description="pressure on the other side of the opening, relative to the outside"
+    )
 
     @model_validator(mode="after")
     def _one_kind(self) -> Opening:
@@ -133,5 +135,5 @@ class Chamber(Section):
         "a tube R, so that both ends are closed by rigid caps",
     )
     openings: dict[str, Opening] | None = Field(
-        None, description="through which its gas or liquid flows, by name"
+        None, description="openings through which gas or liquid flows, by name"
     )

@@ -99,7 +99,7 @@ def check_air(height: float, solid: float) -> None:
 class Within(Section):
     """A part of the base: [from, to] along it; by axes; or a circle."""
 
-    along: Span | None = Field(None, description="from where to where along the base")
+    along: Span | None = Field(None, description="[from, to] along the base")
     R: Span | None = Field(None, description="the same, by the name of the axis")
     X: Span | None = Field(None, description="the same")
     Y: Span | None = Field(None, description="the same, across it")
@@ -203,7 +203,7 @@ class LaminateShape(Section):
     """Layers on a base, stacked from the bottom, or from the inside of a tube."""
 
     shape: Literal["laminate"]
-    base: AnyBase = Field(description="what the layers lie on")
+    base: AnyBase = Field(description="shape that the layers lie on")
     layers: tuple[AnyLayer, ...] = Field(min_length=1, description="from the bottom")
     air_height: Length = Field(
         0.0, ge=0, description="air on both sides, from the middle of the layers; 0 mm: no air"

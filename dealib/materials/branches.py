@@ -19,8 +19,10 @@ class Branch(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    shear_modulus: Stress = Field(gt=0, description="it adds to the law's when loaded fast")
-    relaxation_time: Time = Field(gt=0, description="of its stress at constant, small strain")
+    shear_modulus: Stress = Field(gt=0, description="added to that of the law under fast loading")
+    relaxation_time: Time = Field(
+        gt=0, description="relaxation time of the stress at constant, small strain"
+    )
     evolution: Literal["multiplicative", "network"] = Field(
         "multiplicative",
         description="of its internal metric at large strain; multiplicative: it keeps its "
@@ -37,10 +39,11 @@ class Inelastic(BaseModel):
     branches: tuple[Branch, ...] = Field(
         (),
         max_length=30,
-        description="Maxwell branches beside the law, which alone is left in the long run",
+        description="Maxwell branches beside the law, which alone is the long-time response",
     )
     mullins: Mullins | None = Field(
-        None, description="softening of the law below the largest energy so far"
+        None,
+        description="Mullins softening: less stress below the largest energy so far",
     )
     permanent_set: PermanentSet | None = Field(
         None, description="a second network that re-forms in the stretched state"

@@ -29,8 +29,8 @@ class Mullins(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    r: float = Field(ge=1, description="1 - 1/r is what is left of the stress at most")
-    m: Stress = Field(gt=0, description="energy density at which softening sets in (MPa = mJ/mm3)")
+    r: float = Field(ge=1, description="the stress falls at most to 1 - 1/r of that of the law")
+    m: Stress = Field(gt=0, description="energy density at which softening begins (MPa = mJ/mm3)")
 
 
 class PermanentSet(BaseModel):
@@ -45,7 +45,9 @@ class PermanentSet(BaseModel):
     evolution: ClassVar[Literal["network"]] = "network"
 
     shear_modulus: Stress = Field(gt=0, description="of the network that re-forms")
-    energy: Stress = Field(gt=0, description="growth of W_max in which it re-forms (mJ/mm3)")
+    energy: Stress = Field(
+        gt=0, description="growth of W_max over which the network re-forms (mJ/mm3)"
+    )
 
 
 def softening(W: Any, W_max: Any, p: Any) -> Any:

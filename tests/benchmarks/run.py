@@ -3,7 +3,7 @@
     python tests/benchmarks/run.py                    # all but --large; about 5 minutes
     python tests/benchmarks/run.py --only deap100     # one group
     python tests/benchmarks/run.py --large            # with 1e6 unknowns
-    python tests/benchmarks/run.py --readme           # only renew README's table from results.json
+    python tests/benchmarks/run.py --readme           # only renew README.md's table
 
 Every run is a process of its own, so that import, mesh, memory and processor time are its own too.
 `plain` are the settings of the prototype, as options of the same program: from the last state and
@@ -245,12 +245,15 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--quick", action="store_true", help="a tiny device, to see that it works")
     parser.add_argument("--large", action="store_true", help="also the largest meshes")
     parser.add_argument("--out", type=Path, help="JSON; default results.json, if all are measured")
-    parser.add_argument("--readme", action="store_true", help="only renew README's table")
+    parser.add_argument("--readme", action="store_true", help="only renew README.md beside it")
     given = parser.parse_args(arguments)
     if given.readme:
-        renew(ROOT / "README.md", json.loads((given.out or RESULTS).read_text(encoding="utf-8")))
+        renew(
+            ROOT / "tests" / "benchmarks" / "README.md",
+            json.loads((given.out or RESULTS).read_text(encoding="utf-8")),
+        )
         return
-    # the results of some groups alone would make README's table lose the others
+    # the results of some groups alone would make the table lose the others
     out = given.out or (None if given.quick or given.only else RESULTS)
     todo = list(QUICK if given.quick else commands(given.large or bool(given.only)))
     if given.only:

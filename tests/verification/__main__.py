@@ -15,7 +15,7 @@ from dealib.errors import DealibError
 from verification.cases import CASES
 from verification.table import HEADER, Case, Row, markdown, write_into
 
-README = Path(__file__).parents[2] / "README.md"
+README = Path(__file__).with_name("README.md")
 
 
 def main() -> int:
@@ -27,7 +27,9 @@ def main() -> int:
     parser.add_argument("cases", nargs="*", help="names or patterns such as 'membrane-*'")
     parser.add_argument("--fast", action="store_true", help="only the cases of the default suite")
     parser.add_argument("--list", action="store_true", help="list the cases and stop")
-    parser.add_argument("--readme", action="store_true", help="write the table into README.md")
+    parser.add_argument(
+        "--readme", action="store_true", help="write the table into tests/verification/README.md"
+    )
     parser.add_argument(
         "--convergence", type=Path, metavar="PICTURE", help="only the mesh convergence, as a plot"
     )
