@@ -204,7 +204,7 @@ def test_what_has_no_result_counts():
         Samples(joint, lambda x: {"y": np.full(len(x), np.nan)}, 16)
 
 
-def test_what_no_process_foretells_is_told_by_the_samples():
+def test_what_no_process_predicts_is_told_by_the_samples():
     noise = np.random.default_rng(3).normal(5, 2, 128)
     joint = Joint(("a", "b"), (stats.uniform(),) * 2, np.eye(2))
     samples = Samples(joint, lambda x: {"y": noise}, 128)

@@ -74,7 +74,7 @@ def told(found: Tables) -> Iterator[str]:
         yield f"{name}: mean {mean}, deviation {deviation}{slopes}"
         yield "  " + ", ".join(f"{n[1:]} %: {v}" for n, v in value.items())
         missed = 100 * max(1 - row["explained"], 0) ** 0.5
-        yield f"  each sample is foretold from the others within {missed:.2g} % of the deviation"
+        yield f"  each sample is predicted from the others within {missed:.2g} % of the deviation"
         if row["explained"] < TRUSTED:
             yield "  too little: mean, deviation and quantiles are those of the samples themselves"
         indices = sorted(

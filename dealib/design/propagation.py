@@ -29,7 +29,7 @@ Told = dict[str, tuple[float, float]]  # a number and the half width of its 95 %
 
 
 class Known(NamedTuple):
-    """What is known of a quantity: share foretold (see `Surrogate`), intervals, Sobol indices."""
+    """What is known of a quantity: share predicted (see `Surrogate`), intervals, Sobol indices."""
 
     explained: float
     numbers: Told

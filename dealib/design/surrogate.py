@@ -20,7 +20,7 @@ class Surrogate:
 
     Attributes:
         process: `sklearn.gaussian_process.GaussianProcessRegressor`.
-        explained: Share of the samples' variance that it foretells when each of them is left out.
+        explained: Share of the samples' variance that it predicts when each of them is left out.
     """
 
     process: Any
@@ -40,7 +40,7 @@ class Surrogate:
 
 
 def fit(x: Array, y: Array) -> Surrogate:
-    """The process that foretells samples best, of a very smooth one and a rougher one.
+    """The process that predicts samples best, of a very smooth one and a rougher one.
 
     The error of what is left out has a closed form (O. Dubrule, Math. Geol. 15 (1983) 687; C. E.
     Rasmussen and C. K. I. Williams, Gaussian Processes for Machine Learning (2006), Eq. 5.12).

@@ -44,6 +44,7 @@ def draw_way(table: Any, aims: Sequence[tuple[str, int]], title: str, look: Them
         axis.set_ylabel(plain(name))
         axis.legend(fontsize="small")
     axes[-1, 0].set_xlabel("Design")
+    axes[-1, 0].xaxis.get_major_locator().set_params(integer=True)
     figure.suptitle(plain(title), fontsize="medium")
     return figure
 
