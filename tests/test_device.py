@@ -359,7 +359,7 @@ EDITS: list[tuple[str, str, str, str | list[str], str]] = [
     ("terminal on nothing", "on: upper", "on: []",
      "13:13: terminals.hot.on: must not be empty", "[]"),
     ("terminal without a place", "{on: upper}", "{ground: false}",
-     "13:3: terminals.hot.on: this key is missing: regions and faces that it consists of", "hot"),
+     "13:3: terminals.hot.on: this key is missing: regions and faces that form the electrode", "hot"),
     ("face that another layer covers", "on: upper", "on: upper.bottom",
      "13:13: terminals.hot.on: the device has no 'upper.bottom'; did you mean 'upper.top'?",
      "upper.bottom"),
