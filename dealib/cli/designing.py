@@ -1,0 +1,98 @@
+"""Commands that design devices. Each imports what it needs when it runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from dealib.cli import solving  # noqa: F401 - its commands come first
+from dealib.cli.root import FOLDER, CacheFolder, ConfigFile, Jobs, Ranks, Retry, Set, app
+
+
+@app.command()
+def sensitivity(
+    config: ConfigFile,
+    of: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--of",
+            "--quantity",
+            metavar="EXPRESSION",
+            help="a quantity, such as 'stroke(\"actuate\")' or force_N; repeat for more; default "
+            "what each port answers",
+        ),
+    ] = None,
+    key: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY", help="a number or a section; repeat for more; default all"),
+    ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            metavar="STAGE", help="stage at whose end columns are taken; default the last"
+        ),
+    ] = None,
+    set: Set = None,
+    out: Annotated[Path | None, typer.Option(help="directory; default RUN-sensitivity")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier results")] = False,
+    mpi: Ranks = 1,
+) -> None:
+    """Sensitivities of results to each number of a config: d ln(quantity) / d ln(key).
+
+    A quantity is an expression over the history, as in studies (configs/studies/REFERENCE.md). The
+    numbers are moduli, permittivity, pre-stretch, thicknesses, radii, loads, voltages and so on.
+    """
+    from dealib.config import load
+
+    case = load(config, set)
+    if mpi > 1:
+        from dealib.cli.mpi import launch
+
+        launch(mpi)
+    from dealib.cli.sensitivity import find_sensitivities
+
+    find_sensitivities(case, of or [], key or [], at, out, overwrite)
+
+
+@app.command()
+def optimise(
+    design: Annotated[Path, typer.Argument(metavar="DESIGN", help="YAML file", readable=False)],
+    out: Annotated[Path | None, typer.Option(help="directory; default runs/NAME-optimum")] = None,
+    model: Annotated[
+        str | None, typer.Option(help="solid, membrane or auto; default the design's")
+    ] = None,
+    jobs: Jobs = None,
+) -> None:
+    """Find the best config within bounds and limits; of two objectives, the front between them.
+
+    It goes along gradients. The best design is one that was solved and is within every limit; exit
+    code 3 if there is none. The same command goes on with what was solved before.
+    """
+    from dealib.cli.optimise import run_optimise
+    from dealib.errors import ConfigError, did_you_mean
+
+    if model not in (None, *(known := ("auto", "solid", "membrane"))):
+        raise ConfigError(f"--model {model}: unknown{did_you_mean(model, known)}")
+    run_optimise(design, out, model, jobs)
+
+
+@app.command()
+def uncertainty(
+    design: Annotated[Path, typer.Argument(metavar="DESIGN", help="YAML file", readable=False)],
+    jobs: Jobs = None,
+    out: Annotated[
+        Path | None, typer.Option(help="directory; default runs/NAME-uncertainty")
+    ] = None,
+    cache: CacheFolder = FOLDER,
+    retry: Retry = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier ones")] = False,
+) -> None:
+    """Intervals, Sobol indices and probabilities of a design whose numbers scatter.
+
+    Cases solved before are not solved again. Errors are 95 % ones.
+    """
+    from dealib.cli.uncertainty import find_uncertainty
+
+    find_uncertainty(design, out, cache, jobs, retry, overwrite)
