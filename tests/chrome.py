@@ -23,6 +23,9 @@ FLAGS = (
 )
 
 
+HINTS = ("GPU stall", "willReadFrequently", "no longer repeat")  # of drawing without a GPU
+
+
 class Chrome:
     """One page.
 

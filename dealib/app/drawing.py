@@ -9,66 +9,57 @@ import numpy as np
 from dealib.plots.contours import magnification, scale_note
 from dealib.plots.labels import label, split
 from dealib.plots.limits import BEYOND, beyond
-from dealib.plots.shape import Shape, drawn
+from dealib.plots.shape import Shape
 from dealib.plots.style import LIGHT
-from dealib.plots.surface import patches
 from dealib.plots.views import CONDUCTORS, bodies
 from dealib.report.figures import turned
-from dealib.report.space import coloured
+from dealib.report.space import coloured, surfaces
 from dealib.results.elements import Array
 from dealib.results.quantities import Quantity, quantities
 from dealib.results.reader import Run
-from dealib.results.summary import MARGINS, VERDICTS, drive, margins, motion
+from dealib.results.summary import VERDICTS, drive, motion
 
-RED = BEYOND[VERDICTS[0]]
-SECTION, SPACE = "section", "in space"
+RED, TOLD = BEYOND[VERDICTS[0]], 2
+_SECTION, _SPACE = "section", "in space"
 _TRIANGLES = 8000  # of a body of revolution
 _LIGHTING = {"ambient": 0.65, "diffuse": 0.5, "specular": 0.05, "facenormalsepsilon": 0}
+Part = tuple[Array, Any, Array]  # points, triangles, values
 
 
 def columns(run: Run) -> tuple[list[str], str, list[str]]:
     """Columns that can be drawn, the abscissa and those that are drawn at first."""
     every = [c for c in map(str, run.history) if c != "stage"]
-    first = [*motion(run), drive(run), *(c for c in every if c.startswith("capacitance_pF"))][:4]
-    return every, "time_s", list(dict.fromkeys(first))
+    first = [*motion(run), drive(run), *(c for c in every if c.startswith("capacitance_pF"))]
+    return every, "time_s", list(dict.fromkeys(first))[:4]
 
 
-def curves(run: Run, x: str, chosen: list[str], solid: Run | None = None) -> dict[str, Any]:
-    """Columns over another one, red where a limit is passed; a second run is dotted."""
+def curves(run: Run, x: str, chosen: list[str], solid: Any = None) -> dict[str, Any]:
+    """Columns over another one, red where a limit is passed; those of a second run are dotted."""
     traces: list[dict[str, Any]] = []
-    gap = 0.06
-    high = (1 + gap) / max(len(chosen), 1)
-    layout: dict[str, Any] = {"xaxis": {"title": {"text": label(x)}}, "showlegend": False}
+    high = 1.06 / max(len(chosen), 1)
+    layout: dict[str, Any] = {"showlegend": False, "uirevision": f"{x} {chosen}"}
     layout["margin"] = {"l": 70, "r": 15, "t": 10, "b": 45}
-    for k, y in enumerate(chosen):
-        number = str(k + 1) if k else ""
-        top = 1 - k * high
+    layout["xaxis"] = {"title": {"text": label(x)}, "anchor": f"y{len(chosen)}"}
+    for k, y in enumerate(chosen, start=1):
         name, unit = split(y)
-        layout[f"yaxis{number}"] = {"domain": [max(0.0, top - high + gap), top],
-                                    "title": {"text": f"{name}<br>({unit})" if unit else name}}  # fmt: skip
-        for of, line in ((run, {"color": LIGHT.lines[k % len(LIGHT.lines)]}),
-                         (solid, {"color": "#777777", "dash": "dot"})):  # fmt: skip
-            if of is not None and y in of.history and x in of.history:
-                h = of.history
-                found = {"x": h[x].tolist(), "y": h[y].tolist(), "yaxis": f"y{number}"}
-                traces.append({"type": "scatter", "mode": "lines+markers", "line": line,
-                               "marker": {"size": 4}, "name": name, **found})  # fmt: skip
-        if y not in run.history or x not in run.history:
-            continue
+        title = {"text": f"{name}<br>({unit})" if unit else name}
+        domain = [max(0.0, 1.06 - k * high), 1 - (k - 1) * high]
+        layout[f"yaxis{k}"] = {"domain": domain, "title": title}
+        colour = LIGHT.lines[(k - 1) % len(LIGHT.lines)]
         passed = np.any([beyond(run.history, verdict, y) for verdict in VERDICTS], axis=0)
-        red = np.where(passed, run.history[y], np.nan)
-        if passed.any():
-            traces.append({"type": "scatter", "mode": "lines+markers", "line": {"color": RED,
-                           "width": 4}, "x": run.history[x].tolist(), "yaxis": f"y{number}",
-                           "y": [None if v != v else v for v in red.tolist()],
-                           "name": "beyond a limit"})  # fmt: skip
-    layout["xaxis"]["anchor"] = f"y{len(chosen) if len(chosen) > 1 else ''}"
-    return {"data": traces, "layout": layout | {"uirevision": f"{x} {chosen}"}}
-
-
-def uses(run: Run) -> list[tuple[str, str, bool]]:
-    """Each margin: its name and use, where and when, and whether it holds."""
-    return [(f"{m.name} {m.used}", f"{m.meaning}; {m.when} {m.where}", m.ok) for m in margins(run)]
+        for of, line, there in (
+            (run, {"color": colour}, True),
+            (solid, {"color": "#777777", "dash": "dot"}, True),
+            (run, {"color": RED, "width": 4}, passed),
+        ):
+            if of is None or not {x, y} <= {*of.history} or not np.any(there):
+                continue
+            at, values = of.history[x].tolist(), np.where(there, of.history[y], np.nan)
+            values = [v if np.isfinite(v) else None for v in values.tolist()]
+            mode = "lines" if of is solid else "lines+markers"
+            traces.append({"x": at, "y": values, "yaxis": f"y{k}", "line": line, "mode": mode})
+            traces[-1] |= {"type": "scatter", "marker": {"size": 4}, "name": name}
+    return {"data": traces, "layout": layout}
 
 
 def fields(run: Run) -> dict[str, str]:
@@ -76,11 +67,10 @@ def fields(run: Run) -> dict[str, str]:
     if not run.stored_steps:
         return {}
     shape = Shape(run, n=1)
-    first = turned(run)
-    names = dict.fromkeys([q.name for q in first] + list(quantities(shape.kinematics)))
     known = quantities(shape.kinematics)
+    names = dict.fromkeys([q.name for q in turned(run)] + list(known))
     there = [known[n] for n in names if known[n].field in shape.arrays]
-    return {q.name: f"{q.name}: {q.label.partition('$')[0].strip(' |')}" for q in there}
+    return {q.name: f"{q.name}: {q.label.partition(f' {q.name[0]}$')[0]}" for q in there}
 
 
 def cuts(run: Run) -> list[str]:
@@ -88,7 +78,7 @@ def cuts(run: Run) -> list[str]:
     kinematics = run.config.device.kinematics
     if kinematics.dim == 3:
         return ["whole", "cut across X", "cut across Y", "cut across Z"]
-    return [SECTION, SPACE] if kinematics.revolved else [SECTION]
+    return [_SECTION, _SPACE] if kinematics.revolved else [_SECTION]
 
 
 def device(run: Run, step: int, field: str, cut: str, share: float) -> dict[str, Any]:
@@ -105,81 +95,69 @@ def device(run: Run, step: int, field: str, cut: str, share: float) -> dict[str,
     what = quantities(shape.kinematics)[field]
     values, factor = shape.values(what), magnification(shape)
     look, x = coloured(shape, what, values), shape.moved(factor)
-    if shape.solid:
-        parts = _cut(shape, what, x, values, "XYZ".find(cut[-1]), share)
-    elif cut == SPACE:
-        parts = _turned(shape, x, values)
-    else:
-        triangles = shape.strips.triangles
-        parts = [(np.insert(x, 1, 0.0, axis=1), part, values)
-                 for part in _split(triangles, np.isnan(values[triangles]).any(axis=1))]  # fmt: skip
-    traces: list[dict[str, Any]] = []
-    for points, triangles, there in parts:
-        plain = bool(np.isnan(there[triangles]).any())
+    title: Any = {"text": f"{shape.when}<br>{scale_note(factor)}", "font": {"size": 12}}
+    layout: dict[str, Any] = {
+        "title": title,
+        "uirevision": cut,
+        "margin": {"l": 55, "r": 0, "t": 70, "b": 45},
+    }
+    bar = {"title": {"text": what.unit}, "thickness": 12, "len": 0.8}
+    shades = {"cmin": look["range"][0], "cmax": look["range"][1], "colorscale": look["colours"]}
+    if cut == _SECTION:
+        traces = _flat(shape.strips.triangles, x, values, look)
+        traces[0]["marker"] = {"color": [shades["cmin"]], "colorbar": bar, "size": 0.1} | shades
+        for name, axis in zip(("xaxis", "yaxis"), shape.kinematics.axes, strict=False):
+            layout[name] = {"title": {"text": f"{axis} (mm)"}}
+        layout["yaxis"] |= {"scaleanchor": "x"}
+        return {"data": traces, "layout": layout | {"showlegend": False, "hovermode": False}}
+    traces = []
+    for points, triangles, there in (
+        _cut(shape, what, x, values, "XYZ".find(cut[-1]), share)
+        if shape.solid
+        else surfaces(shape, x, values, _TRIANGLES)
+    ):
+        coloured_ = np.isfinite(there[triangles]).all()
         (a, b, c), (i, j, k) = points.T.tolist(), triangles.T.tolist()
         mesh = {"type": "mesh3d", "x": a, "y": b, "z": c, "i": i, "j": j, "k": k}
-        mesh |= {"flatshading": cut != SECTION, "hoverinfo": "skip" if plain else "all"}
-        mesh["lighting"] = {"ambient": 1} if cut == SECTION else _LIGHTING
-        bar = {"title": {"text": what.unit}, "thickness": 12, "len": 0.8}
-        colours = {"intensity": np.nan_to_num(there).tolist(), "colorscale": look["colours"],
-                   "cmin": look["range"][0], "cmax": look["range"][1], "colorbar": bar,
-                   "showscale": not any("colorbar" in t for t in traces)}  # fmt: skip
-        traces.append(mesh | ({"color": CONDUCTORS} if plain else colours))
-    return {"data": traces, "layout": _layout(shape, cut, f"{shape.when}; {scale_note(factor)}")}
+        mesh |= {"flatshading": True, "lighting": _LIGHTING, "color": CONDUCTORS}
+        if coloured_:
+            shown = not any("intensity" in t for t in traces)
+            mesh |= {"intensity": there.tolist(), "colorbar": bar, "showscale": shown} | shades
+        traces.append(mesh)
+    axes = {f"{n}axis": {"title": {"text": f"{n.upper()} (mm)"}} for n in "xyz"}
+    return {"data": traces, "layout": layout | {"scene": axes | {"aspectmode": "data"}}}
 
 
-def _split(triangles: Any, apart: Any) -> list[Any]:
-    return [part for part in (triangles[~apart], triangles[apart]) if len(part)]
-
-
-def _turned(shape: Shape, x: Array, values: Array) -> list[tuple[Array, Any, Array]]:
-    films = set(drawn(shape.run, quantities(shape.kinematics)["E"]))
-    found = []
-    for conductor in (False, True):
-        names = [name for name in shape.layers if (name not in films) == conductor]
-        every = patches(shape, names, conductor and bool(films), _TRIANGLES) if names else []
-        for patch in every:
-            points = np.concatenate([x[patch.nodes] @ one.T for one in patch.maps])
-            there = np.tile(values[patch.nodes], len(patch.maps))
-            found.append((points, patch.triangles, there))
-    return found
+def _flat(triangles: Any, x: Array, values: Array, look: dict[str, Any]) -> list[dict[str, Any]]:
+    """Triangles in a plane as filled paths, one for each colour."""
+    (low, high), colours = look["range"], look["colours"]
+    mean, last = values[triangles].mean(axis=1), len(colours) - 1
+    share = (mean - low) / ((high - low) or 1.0)
+    shade = np.where(np.isnan(mean), -1, np.round(last * np.clip(np.nan_to_num(share), 0, 1)))
+    traces = []
+    for k in np.unique(shade).astype(int):
+        corners = np.full((np.count_nonzero(shade == k), 5, 2), np.nan)  # closed, then a gap
+        corners[:, :4] = x[triangles[shade == k]][:, [0, 1, 2, 0]]
+        a, b = ([None if v != v else v for v in c.tolist()] for c in corners.reshape(-1, 2).T)
+        colour = CONDUCTORS if k < 0 else colours[k][1]
+        traces.append({"x": a, "y": b, "mode": "lines", "fill": "toself", "fillcolor": colour})
+        traces[-1] |= {"type": "scatter", "line": {"width": 0.6, "color": colour}}
+    at = {"x": [x[0, 0]], "y": [x[0, 1]], "mode": "markers", "type": "scatter"}
+    return [at, *traces]  # the first has the colour bar
 
 
 def _cut(
     shape: Shape, what: Quantity, x: Array, values: Array, axis: int, share: float
-) -> list[tuple[Array, Any, Array]]:
-    every, found = bodies(shape, what, x, values), []
+) -> list[Part]:
+    """The surface of a device in space, cut across an axis if one is given."""
+    every, found = bodies(shape, what, x, values), list[Part]()
     ends = np.concatenate([body.points for body, _ in every])
     low, high = ends.min(axis=0), ends.max(axis=0)
+    at = low + (high - low) * np.clip(share, 1e-6, 1 - 1e-6)
     for body, _ in every:
-        if axis >= 0:
-            at = low + (high - low) * min(max(share, 1e-6), 1 - 1e-6)
-            body = body.clip("xyz"[axis], origin=at, invert=False)
-        surface = body.extract_surface().triangulate()
+        part = body if axis < 0 else body.clip("xyz"[axis], origin=at, invert=False)
+        surface = part.extract_surface().triangulate()
         if surface.n_cells:
             triangles = surface.faces.reshape(-1, 4)[:, 1:]
             found.append((surface.points, triangles, surface.point_data["values"]))
     return found
-
-
-def _layout(shape: Shape, cut: str, title: str) -> dict[str, Any]:
-    axes = shape.kinematics.axes if cut == SECTION else ("X", "Y", "Z")
-    named = (axes[0], "", axes[1]) if cut == SECTION else axes
-    scene: dict[str, Any] = {f"{name}axis": {"title": {"text": f"{axis} (mm)"}}
-                             for name, axis in zip("xyz", named, strict=True)}  # fmt: skip
-    scene |= {"aspectmode": "data", "camera": {"eye": {"x": 1.15, "y": -1.55, "z": 1.2}}}
-    if cut == SECTION:
-        scene["yaxis"] = {"visible": False}
-        scene["camera"] = {
-            "eye": {"x": 0, "y": -1.3, "z": 0},
-            "projection": {"type": "orthographic"},
-        }
-    return {"scene": scene, "uirevision": cut, "margin": {"l": 0, "r": 0, "t": 28, "b": 0},
-            "title": {"text": title, "font": {"size": 13}}}  # fmt: skip
-
-
-def first_limit(run: Run) -> str:
-    """What is beyond a limit, in one line."""
-    worst = [f"{MARGINS[c][0]} {run.history[c].max():.3g}" for c in MARGINS
-             if c in run.history and run.history[c].max() > 1]  # fmt: skip
-    return ", ".join(worst)

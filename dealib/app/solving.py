@@ -11,22 +11,24 @@ from typing import Any
 
 from mpi4py import MPI
 
+import numpy as np
 import pandas as pd
 
 from dealib.config.case import Case, resolved
 from dealib.config.schema import Config
 from dealib.design.keys import Key, changed, keys, moved
-from dealib.errors import ConfigError, DealibError
+from dealib.errors import ConfigError, DealibError, first_line
 from dealib.files import guarded
-from dealib.plots.curves import label
+from dealib.plots.labels import split
 from dealib.program import Simulation
 from dealib.program.margins import table
 from dealib.results.reader import Run
-from dealib.results.summary import GIVEN, MARGINS, motion
+from dealib.results.summary import motion
 
 _COLUMNS, _STEPS = 12, 3  # of a quick answer: elements along the film, steps of a stage
 _REACH = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95)  # of a slider, of the number that the file gives
 QUICK, FULL, CHECK = 0, 1, 2  # what is asked for
+_HOW = ("quick: few steps and elements", "all steps", "checked by the solid")
 Values = tuple[float, ...]
 
 
@@ -41,29 +43,18 @@ class Slider:
 
 @dataclass(frozen=True)
 class Answer:
-    """What was found for a position of the sliders.
-
-    Attributes:
-        run: The last good result.
-        level: How it was found: `QUICK`, `FULL` or `CHECK`, the solid's.
-        seconds: That took so long.
-        problem: What went wrong; the run is then that of an earlier position.
-        note: How far the membrane is off.
-    """
+    """What was found for a position of the sliders: a run, or what went wrong; and how."""
 
     run: Run | None
-    level: int
-    seconds: float = 0.0
+    told: str
     problem: str = ""
-    note: str = ""
 
 
 class Kept(Run):
     """A run in memory."""
 
-    def __init__(self, config: Config, rows: list[dict[str, Any]], last: Any) -> None:
-        self.directory, self._told = Path(config.directory), set()
-        self._states: list[dict[str, Any]] = []
+    def __init__(self, config: Config, rows: list[Any], states: list[Any], last: Any) -> None:
+        self.directory, self._told, self._states = Path(config.directory), set(), states
         self._info = {"margins": table(last.progress.worst), "name": config.name, "status": "done"}
         # what a run would read from its files
         self.__dict__ |= {"config": config, "title": config.name, "mesh": last.layout.mesh}
@@ -114,43 +105,44 @@ class Session:
 
     Attributes:
         sliders: What can be moved.
-        why: Why there is no membrane model in place of the solid; empty if there is one.
+        run: The first result.
 
     Args:
         case: The case.
         wanted: Keys of the sliders; default all numbers that the file gives.
+
+    Raises:
+        ConfigError: If a key is wrong.
+        NotConverged: If the config as it is has no solution.
     """
 
     def __init__(self, case: Case, wanted: Sequence[str] = ()) -> None:
         self._case, self.sliders = case, sliders(case.config, wanted)
-        self.why, self._sheet = "", dict[str, Any]()
-        self._own = case.config.physics.model == "membrane"
-        if not self._own:
-            self._sheet = {"physics": {"model": "membrane", "formulation": "displacement"}}
-            if getattr(case.config.geometry, "air_height", 0):
-                self._sheet["geometry"] = {"air_height": "0 mm"}
-            try:
-                self.config(tuple(s.key.value for s in self.sliders))
-            except ConfigError as error:
-                self._no_membrane(error)
-        self._turn, self._ticket = threading.Condition(), 0
+        self._turn, self._ticket, self._newest = threading.Condition(), 0, Values()
         self._asked: tuple[int, int, Values] | None = None
-        self._newest: Values = ()
-        self._found: tuple[int, Answer] | None = None
-        self._good: Run | None = None
-
-    @property
-    def membrane(self) -> bool:
-        """Whether answers are those of a membrane."""
-        return self._own or bool(self._sheet)
+        self._found: tuple[int, Answer | None] = (0, None)
+        own = case.config.physics.model == "membrane"
+        self._sheet, self._model = dict[str, Any](), "membrane" if own else "solid"
+        start = tuple(s.key.value for s in self.sliders)
+        found = None if own else self._as_membrane(start)
+        self.run: Run = found or self._solve(self.config(start), own)
 
     @property
     def checks(self) -> bool:
-        """Whether the solid checks the membrane."""
+        """Whether the solid checks the membrane that stands for it."""
         return bool(self._sheet)
 
-    def _no_membrane(self, error: Exception) -> None:
-        self.why, self._sheet = str(error).splitlines()[0], {}
+    def _as_membrane(self, start: Values) -> Run | None:
+        """A membrane's answer in place of the solid's, if there is one."""
+        self._sheet = {"physics": {"model": "membrane", "formulation": "displacement"}}
+        if getattr(self._case.config.geometry, "air_height", 0):
+            self._sheet["geometry"] = {"air_height": "0 mm"}
+        self._model = "membrane in place of the solid"
+        try:
+            return self._solve(self.config(start), True)
+        except DealibError as error:
+            self._sheet, self._model = {}, f"solid (no membrane: {first_line(error)})"
+            return None
 
     def config(self, values: Values, solid: bool = False) -> Config:
         """The config of a position of the sliders.
@@ -158,25 +150,21 @@ class Session:
         Raises:
             ConfigError: If it is none.
         """
-        factors = {s.key: v / s.key.value for s, v in zip(self.sliders, values, strict=True)}
-        factors = {key: f for key, f in factors.items() if abs(f - 1) > 1e-9}
+        pairs = zip(self.sliders, values, strict=True)
+        factors = {s.key: v / s.key.value for s, v in pairs if abs(v / s.key.value - 1) > 1e-9}
         return moved(self._case.config, factors, {} if solid else self._sheet)
 
     def save(self, values: Values) -> Path:
         """Write the config of a position into the present folder, under a name of its own."""
-        config = self.config(values)
-        for k in range(1, 10_000):
-            path = Path(f"{config.name}-app-{k}.yaml")
-            output = config.output.model_copy(update={"directory": f"runs/{path.stem}"})
-            text = resolved(config.model_copy(update={"output": output}))
-            with guarded(path):
-                try:
-                    with path.open("x", encoding="utf-8") as file:
-                        file.write(f"# {config.name}, as its sliders stood in dealib app\n{text}")
-                    return path
-                except FileExistsError:
-                    continue
-        raise ConfigError("there are 9999 files of this name already")
+        config, k = self.config(values), 1
+        while Path(f"{config.name}-app-{k}.yaml").exists():
+            k += 1
+        path = Path(f"{config.name}-app-{k}.yaml")
+        output = config.output.model_copy(update={"directory": f"runs/{path.stem}"})
+        text = resolved(config.model_copy(update={"output": output}))
+        with guarded(path), path.open("x", encoding="utf-8") as file:
+            file.write(f"# {config.name} as its sliders stood in dealib app; {self._model}\n{text}")
+        return path
 
     def ask(self, level: int, values: Values) -> Answer | None:
         """Wait for an answer; None once another position is asked for."""
@@ -185,14 +173,11 @@ class Session:
                 self._newest = values
             elif values != self._newest:
                 return None
-            self._ticket += 1
-            mine, self._asked = self._ticket, (self._ticket, level, values)
+            self._ticket = mine = self._ticket + 1
+            self._asked = mine, level, values
             self._turn.notify_all()
-            self._turn.wait_for(lambda: self._ticket != mine or self._done(mine))
-            return self._found[1] if self._found and self._done(mine) else None
-
-    def _done(self, ticket: int) -> bool:
-        return self._found is not None and self._found[0] == ticket
+            self._turn.wait_for(lambda: self._ticket != mine or self._found[0] == mine)
+            return self._found[1] if self._found[0] == mine else None
 
     def serve(self) -> None:
         """Answer until a signal comes."""
@@ -201,33 +186,29 @@ class Session:
                 self._turn.wait_for(lambda: self._asked is not None)
                 assert self._asked is not None
                 (ticket, level, values), self._asked = self._asked, None
-            answer = self._answer(ticket, level, values)
+            answer = self._answer(level, values, ticket)
             with self._turn:
-                if answer is not None:
-                    self._found = ticket, answer
+                self._found = ticket, answer
                 self._turn.notify_all()
 
-    def _answer(self, ticket: int, level: int, values: Values) -> Answer | None:
-        begin = time.perf_counter()
+    def _answer(self, level: int, values: Values, ticket: int) -> Answer | None:
+        begin, told = time.perf_counter(), f"{self._model}, {_HOW[level]}"
+        if level == QUICK and self._model.startswith("solid"):
+            return Answer(self.run, f"{self._model}: is being solved")
         try:
-            if level == QUICK and not self.membrane:
-                return Answer(self._good, level)
-            run = self._solve(self.config(values, level == CHECK), ticket, level == QUICK)
+            run = self._solve(self.config(values, level == CHECK), level == QUICK, ticket)
         except DealibError as error:
-            if self._good is None and self._sheet and level < CHECK:
-                self._no_membrane(error)  # at rest already, the solid may well have a state
-                return self._answer(ticket, level, values)
-            return Answer(self._good, level, time.perf_counter() - begin, str(error))
+            return Answer(None, f"{told}: the curves are those of an earlier position", str(error))
         if run is None:
             return None
-        note, seconds = "", time.perf_counter() - begin
-        if level == CHECK and self._good is not None:
-            note = deviation(self._good, run)
-        elif level < CHECK:
-            self._good = run
-        return Answer(run, level, seconds, "", note)
+        told += f", {time.perf_counter() - begin:.2f} s"
+        if level == CHECK:
+            told += deviation(self.run, run)
+        else:
+            self.run = run
+        return Answer(run, told)
 
-    def _solve(self, config: Config, ticket: int, quick: bool) -> Run | None:
+    def _solve(self, config: Config, quick: bool, ticket: int = 0) -> Any:
         """The run of a config; None if it is not wanted any more."""
         if quick:
             columns = min(config.mesh.columns, _COLUMNS)
@@ -241,24 +222,15 @@ class Session:
             states.append({"states": state.nodal(), "internal": state.internal()})
             if self._ticket != ticket:
                 return None
-        found = Kept(config, rows, simulation.engine)
-        found._states = states
-        return found
+        return Kept(config, rows, states, simulation.engine)
 
 
 def deviation(fast: Run, solid: Run) -> str:
-    """The largest difference of what the device does, of its range, by quantity."""
-    import numpy as np
-
-    told = []
+    """By how much a membrane is off, of the range of what the device does."""
+    told, at = [], solid.history["time_s"]
     for name in motion(solid):
-        a, b = (np.interp(solid.history["time_s"], r.history["time_s"], r.history[name])
-                for r in (fast, solid))  # fmt: skip
-        span = max(np.ptp(b), 1e-12)
-        if span > 1e-9 * max(1.0, np.abs(b).max()):
-            told.append(f"{label(name)} {100 * np.abs(a - b).max() / span:.2g} %")
-    uses = [c for c in MARGINS if c in fast.history and c in solid.history and c in GIVEN]
-    for name in uses:
-        a, b = (r.history[name].max() for r in (fast, solid))
-        told.append(f"{MARGINS[name][0]} {100 * abs(a / b - 1):.2g} %")
-    return "the membrane is off by " + ", ".join(told) if told else ""
+        exact = solid.history[name].to_numpy()
+        off = np.abs(np.interp(at, fast.history["time_s"], fast.history[name]) - exact).max()
+        if np.ptp(exact) > 1e-9 and off > 1e-6 * np.ptp(exact):  # it is not given
+            told.append(f"{split(name)[0].lower()} {100 * off / np.ptp(exact):.2g} %")
+    return f"; the membrane is off by {', '.join(told)} of the range" if told else ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 import webbrowser
 from contextlib import suppress
@@ -19,7 +20,9 @@ def show(case: Case, wanted: list[str], port: int, browser: bool) -> None:
     from dealib.app.solving import Session
 
     session = Session(case, wanted)
-    _open(build(session, None, case.config.name), port, browser)
+    _open(build(session.run, session), port, browser)
+    gc.freeze()  # modules come to stay: to look for garbage among them takes 0.1 s
+    gc.set_threshold(20_000)
     session.serve()
 
 
@@ -27,12 +30,12 @@ def view(directory: Path, port: int, browser: bool) -> None:
     """Show a run until a signal comes."""
     run = Run(directory)
     _ = run.history, run.config  # what is damaged is told before the page opens
-    _open(build(None, run, run.title), port, browser)
+    _open(build(run), port, browser)
     threading.Event().wait()
 
 
 def _open(page: object, port: int, browser: bool) -> None:
-    address, _ = serve(page, port)
+    address = serve(page, port)
     typer.echo(f"{address} (Ctrl-C ends it)")
     if browser:
         with suppress(webbrowser.Error):
