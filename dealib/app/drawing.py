@@ -13,17 +13,14 @@ from dealib.plots.shape import Shape
 from dealib.plots.style import LIGHT
 from dealib.plots.views import CONDUCTORS, bodies
 from dealib.report.figures import turned
-from dealib.report.space import coloured, surfaces
+from dealib.report.space import coloured
 from dealib.results.elements import Array
-from dealib.results.quantities import Quantity, quantities
+from dealib.results.quantities import quantities
 from dealib.results.reader import Run
 from dealib.results.summary import VERDICTS, drive, motion
 
 RED, TOLD = BEYOND[VERDICTS[0]], 2
-_SECTION, _SPACE = "section", "in space"
-_TRIANGLES = 8000  # of a body of revolution
 _LIGHTING = {"ambient": 0.65, "diffuse": 0.5, "specular": 0.05, "facenormalsepsilon": 0}
-Part = tuple[Array, Any, Array]  # points, triangles, values
 
 
 def columns(run: Run) -> tuple[list[str], str, list[str]]:
@@ -55,9 +52,9 @@ def curves(run: Run, x: str, chosen: list[str], solid: Any = None) -> dict[str, 
             if of is None or not {x, y} <= {*of.history} or not np.any(there):
                 continue
             at, values = of.history[x].tolist(), np.where(there, of.history[y], np.nan)
-            values = [v if np.isfinite(v) else None for v in values.tolist()]
+            shown = [v if np.isfinite(v) else None for v in values.tolist()]
             mode = "lines" if of is solid else "lines+markers"
-            traces.append({"x": at, "y": values, "yaxis": f"y{k}", "line": line, "mode": mode})
+            traces.append({"x": at, "y": shown, "yaxis": f"y{k}", "line": line, "mode": mode})
             traces[-1] |= {"type": "scatter", "marker": {"size": 4}, "name": name}
     return {"data": traces, "layout": layout}
 
@@ -75,10 +72,8 @@ def fields(run: Run) -> dict[str, str]:
 
 def cuts(run: Run) -> list[str]:
     """Ways in which the device can be looked at."""
-    kinematics = run.config.device.kinematics
-    if kinematics.dim == 3:
-        return ["whole", "cut across X", "cut across Y", "cut across Z"]
-    return [_SECTION, _SPACE] if kinematics.revolved else [_SECTION]
+    solid = run.config.device.kinematics.dim == 3
+    return ["whole", *(f"cut across {axis}" for axis in "XYZ")] if solid else ["section"]
 
 
 def device(run: Run, step: int, field: str, cut: str, share: float) -> dict[str, Any]:
@@ -95,69 +90,55 @@ def device(run: Run, step: int, field: str, cut: str, share: float) -> dict[str,
     what = quantities(shape.kinematics)[field]
     values, factor = shape.values(what), magnification(shape)
     look, x = coloured(shape, what, values), shape.moved(factor)
-    title: Any = {"text": f"{shape.when}<br>{scale_note(factor)}", "font": {"size": 12}}
-    layout: dict[str, Any] = {
-        "title": title,
-        "uirevision": cut,
-        "margin": {"l": 55, "r": 0, "t": 70, "b": 45},
-    }
-    bar = {"title": {"text": what.unit}, "thickness": 12, "len": 0.8}
-    shades = {"cmin": look["range"][0], "cmax": look["range"][1], "colorscale": look["colours"]}
-    if cut == _SECTION:
-        traces = _flat(shape.strips.triangles, x, values, look)
-        traces[0]["marker"] = {"color": [shades["cmin"]], "colorbar": bar, "size": 0.1} | shades
-        for name, axis in zip(("xaxis", "yaxis"), shape.kinematics.axes, strict=False):
-            layout[name] = {"title": {"text": f"{axis} (mm)"}}
-        layout["yaxis"] |= {"scaleanchor": "x"}
-        return {"data": traces, "layout": layout | {"showlegend": False, "hovermode": False}}
-    traces = []
-    for points, triangles, there in (
-        _cut(shape, what, x, values, "XYZ".find(cut[-1]), share)
-        if shape.solid
-        else surfaces(shape, x, values, _TRIANGLES)
-    ):
-        coloured_ = np.isfinite(there[triangles]).all()
-        (a, b, c), (i, j, k) = points.T.tolist(), triangles.T.tolist()
-        mesh = {"type": "mesh3d", "x": a, "y": b, "z": c, "i": i, "j": j, "k": k}
-        mesh |= {"flatshading": True, "lighting": _LIGHTING, "color": CONDUCTORS}
-        if coloured_:
-            shown = not any("intensity" in t for t in traces)
-            mesh |= {"intensity": there.tolist(), "colorbar": bar, "showscale": shown} | shades
-        traces.append(mesh)
-    axes = {f"{n}axis": {"title": {"text": f"{n.upper()} (mm)"}} for n in "xyz"}
-    return {"data": traces, "layout": layout | {"scene": axes | {"aspectmode": "data"}}}
+    (low, high), bar = look["range"], {"title": {"text": what.unit}, "thickness": 12, "len": 0.8}
+    shades = {"cmin": low, "cmax": high, "colorscale": look["colours"], "colorbar": bar}
+    title = {"text": f"{shape.when}<br>{scale_note(factor)}", "font": {"size": 12}}
+    layout: dict[str, Any] = {"title": title, "uirevision": cut, "showlegend": False}
+    layout["margin"] = {"l": 55, "r": 0, "t": 70, "b": 45}
+    if shape.solid:
+        axes = {f"{n}axis": {"title": {"text": f"{n.upper()} (mm)"}} for n in "xyz"}
+        layout["scene"] = axes | {"aspectmode": "data"}
+        bodies_ = bodies(shape, what, x, values)
+        return {"data": _solid(bodies_, "XYZ".find(cut[-1]), share, shades), "layout": layout}
+    a, b = ({"title": {"text": f"{axis} (mm)"}} for axis in shape.kinematics.axes)
+    layout |= {"xaxis": a, "yaxis": b | {"scaleanchor": "x"}, "hovermode": False}
+    key = {"color": [low], "size": 0.1} | shades
+    first: dict[str, Any] = {"type": "scatter", "mode": "markers", "marker": key}  # has the colour bar alone
+    first |= {"x": [x[0, 0]], "y": [x[0, 1]]}
+    return {"data": [first, *_flat(x[shape.strips.triangles], shape, values, look)],
+            "layout": layout}  # fmt: skip
 
 
-def _flat(triangles: Any, x: Array, values: Array, look: dict[str, Any]) -> list[dict[str, Any]]:
-    """Triangles in a plane as filled paths, one for each colour."""
+def _flat(x: Array, shape: Shape, values: Array, look: dict[str, Any]) -> list[dict[str, Any]]:
+    """Triangles in a plane, (triangles, 3, 2), as filled paths, one for each colour."""
     (low, high), colours = look["range"], look["colours"]
-    mean, last = values[triangles].mean(axis=1), len(colours) - 1
-    share = (mean - low) / ((high - low) or 1.0)
-    shade = np.where(np.isnan(mean), -1, np.round(last * np.clip(np.nan_to_num(share), 0, 1)))
+    mean, last = values[shape.strips.triangles].mean(axis=1), len(colours) - 1
+    share = np.clip(np.nan_to_num((mean - low) / (high - low)), 0, 1)
+    shade = np.where(np.isnan(mean), -1, np.round(last * share)).astype(int)
     traces = []
-    for k in np.unique(shade).astype(int):
-        corners = np.full((np.count_nonzero(shade == k), 5, 2), np.nan)  # closed, then a gap
-        corners[:, :4] = x[triangles[shade == k]][:, [0, 1, 2, 0]]
-        a, b = ([None if v != v else v for v in c.tolist()] for c in corners.reshape(-1, 2).T)
+    for k in np.unique(shade):
+        corners = np.insert(x[shade == k][:, [0, 1, 2, 0]], 4, np.nan, axis=1)  # closed, a gap
+        a, b = ([None if v != v else v for v in c] for c in corners.reshape(-1, 2).T.tolist())
         colour = CONDUCTORS if k < 0 else colours[k][1]
-        traces.append({"x": a, "y": b, "mode": "lines", "fill": "toself", "fillcolor": colour})
-        traces[-1] |= {"type": "scatter", "line": {"width": 0.6, "color": colour}}
-    at = {"x": [x[0, 0]], "y": [x[0, 1]], "mode": "markers", "type": "scatter"}
-    return [at, *traces]  # the first has the colour bar
+        traces.append({"type": "scatter", "mode": "lines", "x": a, "y": b, "fill": "toself"})
+        traces[-1] |= {"fillcolor": colour, "line": {"width": 0.6, "color": colour}}
+    return traces
 
 
-def _cut(
-    shape: Shape, what: Quantity, x: Array, values: Array, axis: int, share: float
-) -> list[Part]:
-    """The surface of a device in space, cut across an axis if one is given."""
-    every, found = bodies(shape, what, x, values), list[Part]()
+def _solid(every: Any, axis: int, share: float, shades: dict[str, Any]) -> list[dict[str, Any]]:
+    """The surface of a device in space, cut across an axis if one is given (else it is -1)."""
     ends = np.concatenate([body.points for body, _ in every])
     low, high = ends.min(axis=0), ends.max(axis=0)
-    at = low + (high - low) * np.clip(share, 1e-6, 1 - 1e-6)
-    for body, _ in every:
+    at, traces = low + (high - low) * np.clip(share, 1e-6, 1 - 1e-6), list[dict[str, Any]]()
+    for body, colour in every:
         part = body if axis < 0 else body.clip("xyz"[axis], origin=at, invert=False)
-        surface = part.extract_surface().triangulate()
-        if surface.n_cells:
-            triangles = surface.faces.reshape(-1, 4)[:, 1:]
-            found.append((surface.points, triangles, surface.point_data["values"]))
-    return found
+        surface = part.extract_geometry().triangulate()
+        if not surface.n_cells:
+            continue
+        (a, b, c), (i, j, k) = surface.points.T.tolist(), surface.faces.reshape(-1, 4)[:, 1:].T
+        mesh = {"type": "mesh3d", "x": a, "y": b, "z": c, "lighting": _LIGHTING}
+        mesh |= {"i": i.tolist(), "j": j.tolist(), "k": k.tolist(), "flatshading": True}
+        there = {"intensity": surface.point_data["values"].tolist()} | shades
+        there["showscale"] = not any("intensity" in t for t in traces)
+        traces.append(mesh | ({"color": colour} if colour else there))
+    return traces

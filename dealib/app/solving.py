@@ -25,7 +25,7 @@ from dealib.program.margins import table
 from dealib.results.reader import Run
 from dealib.results.summary import motion
 
-_COLUMNS, _STEPS = 12, 3  # of a quick answer: elements along the film, steps of a stage
+_COLUMNS, _STEPS = 12, 2  # of a quick answer: elements along the film, steps of a stage
 _REACH = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95)  # of a slider, of the number that the file gives
 QUICK, FULL, CHECK = 0, 1, 2  # what is asked for
 _HOW = ("quick: few steps and elements", "all steps", "checked by the solid")

@@ -54,7 +54,7 @@ def view(run: Run, whats: Sequence[Quantity]) -> dict[str, Any]:
     if not run.stored_steps or not (device.kinematics.dim == 3 or device.kinematics.revolved):
         return {}
     first = _shape(run, typical_step(run))
-    parts = _parts(first, _TRIANGLES // 2)
+    parts = _parts(first, whats)
     every = [patch for _, found in parts for patch in found]
     points = sum(len(patch.nodes) for patch in every)
     bytes_a_step = 2 * 4 / 3 * points * (first.points.shape[1] + len(whats))
@@ -96,7 +96,7 @@ def _shape(run: Run, step: int) -> Shape:
     return Shape(run, step, n=2)
 
 
-def _parts(shape: Shape, most: int) -> list[tuple[bool, list[Patch]]]:
+def _parts(shape: Shape, whats: Sequence[Quantity]) -> list[tuple[bool, list[Patch]]]:
     """Whether a part is of conductors, of which half is left out, and its surface."""
     films = set(_dielectrics(shape))
     found = []
@@ -106,28 +106,8 @@ def _parts(shape: Shape, most: int) -> list[tuple[bool, list[Patch]]]:
             continue  # the layers of a sheet lie in one surface
         if names:
             opened = conductor and bool(films)
-            found.append((conductor, patches(shape, names, opened, most)))
+            found.append((conductor, patches(shape, names, opened, _TRIANGLES // 2)))
     return found
-
-
-def surfaces(shape: Shape, x: Array, values: Array, most: int) -> list[tuple[Array, Any, Array]]:
-    """Points, triangles and values of the surface of a body of revolution, part by part.
-
-    Args:
-        shape: The body.
-        x: Its deformed points.
-        values: There.
-        most: Triangles of a part.
-    """
-    return [
-        (
-            np.concatenate([x[patch.nodes] @ one.T for one in patch.maps]),
-            patch.triangles,
-            np.tile(values[patch.nodes], len(patch.maps)),
-        )
-        for _, found in _parts(shape, most)
-        for patch in found
-    ]
 
 
 def _dielectrics(shape: Shape) -> list[str]:
