@@ -62,6 +62,7 @@ def page(folder, *arguments):
         process.send_signal(signal.SIGINT)
         ended["said"] = process.communicate(timeout=60)[1]
         ended["code"] = process.returncode
+        print(ended["said"])  # pytest shows it where a test fails
 
 
 @contextmanager

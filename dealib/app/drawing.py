@@ -19,7 +19,7 @@ from dealib.results.quantities import quantities
 from dealib.results.reader import Run
 from dealib.results.summary import VERDICTS, drive, motion
 
-RED, TOLD = BEYOND[VERDICTS[0]], 2
+RED = BEYOND[VERDICTS[0]]
 _LIGHTING = {"ambient": 0.65, "diffuse": 0.5, "specular": 0.05, "facenormalsepsilon": 0}
 
 
@@ -103,7 +103,11 @@ def device(run: Run, step: int, field: str, cut: str, share: float) -> dict[str,
     a, b = ({"title": {"text": f"{axis} (mm)"}} for axis in shape.kinematics.axes)
     layout |= {"xaxis": a, "yaxis": b | {"scaleanchor": "x"}, "hovermode": False}
     key = {"color": [low], "size": 0.1} | shades
-    first: dict[str, Any] = {"type": "scatter", "mode": "markers", "marker": key}  # has the colour bar alone
+    first: dict[str, Any] = {
+        "type": "scatter",
+        "mode": "markers",
+        "marker": key,
+    }  # has the colour bar alone
     first |= {"x": [x[0, 0]], "y": [x[0, 1]]}
     return {"data": [first, *_flat(x[shape.strips.triangles], shape, values, look)],
             "layout": layout}  # fmt: skip
@@ -115,7 +119,7 @@ def _flat(x: Array, shape: Shape, values: Array, look: dict[str, Any]) -> list[d
     mean, last = values[shape.strips.triangles].mean(axis=1), len(colours) - 1
     share = np.clip(np.nan_to_num((mean - low) / (high - low)), 0, 1)
     shade = np.where(np.isnan(mean), -1, np.round(last * share)).astype(int)
-    traces = []
+    traces = list[dict[str, Any]]()
     for k in np.unique(shade):
         corners = np.insert(x[shade == k][:, [0, 1, 2, 0]], 4, np.nan, axis=1)  # closed, a gap
         a, b = ([None if v != v else v for v in c] for c in corners.reshape(-1, 2).T.tolist())
@@ -135,6 +139,7 @@ def _solid(every: Any, axis: int, share: float, shades: dict[str, Any]) -> list[
         surface = part.extract_geometry().triangulate()
         if not surface.n_cells:
             continue
+        mesh: dict[str, Any]
         (a, b, c), (i, j, k) = surface.points.T.tolist(), surface.faces.reshape(-1, 4)[:, 1:].T
         mesh = {"type": "mesh3d", "x": a, "y": b, "z": c, "lighting": _LIGHTING}
         mesh |= {"i": i.tolist(), "j": j.tolist(), "k": k.tolist(), "flatshading": True}

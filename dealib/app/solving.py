@@ -5,9 +5,9 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from mpi4py import MPI
 
@@ -32,8 +32,7 @@ _HOW = ("quick: few steps and elements", "all steps", "checked by the solid")
 Values = tuple[float, ...]
 
 
-@dataclass(frozen=True)
-class Slider:
+class Slider(NamedTuple):
     """A number of the config that can be moved, and how far."""
 
     key: Key
@@ -41,9 +40,8 @@ class Slider:
     high: float
 
 
-@dataclass(frozen=True)
-class Answer:
-    """What was found for a position of the sliders: a run, or what went wrong; and how."""
+class Answer(NamedTuple):
+    """A run, or what went wrong; and how it was found."""
 
     run: Run | None
     told: str
@@ -60,15 +58,8 @@ class Kept(Run):
         self.__dict__ |= {"config": config, "title": config.name, "mesh": last.layout.mesh}
         self.__dict__ |= {"history": pd.DataFrame(rows)}
 
-    @property
-    def info(self) -> dict[str, Any]:
-        """See `Run`."""
-        return self._info
-
-    @property
-    def stored_steps(self) -> list[int]:
-        """See `Run`."""
-        return list(range(len(self._states)))
+    info = property(lambda self: self._info)
+    stored_steps = property(lambda self: list(range(len(self._states))))
 
     def _stored(self, group: str, index: int) -> Any:
         return self._states[index].get(group)
@@ -82,22 +73,19 @@ def sliders(config: Config, wanted: Sequence[str]) -> list[Slider]:
     """
     found = []
     for key in keys(config, wanted):
-        ends = [next((f for f in tried if _allowed(config, key, f)), 1.0)
-                for tried in (_REACH, [2 - f for f in _REACH])]  # fmt: skip
+        ends = [1.0, 1.0]
+        for k, factors in enumerate((_REACH, [2 - f for f in _REACH])):
+            for ends[k] in (*factors, 1.0):
+                try:
+                    changed(config, key, ends[k])
+                    break
+                except ConfigError:
+                    continue
         if ends[0] < ends[1]:
             found.append(Slider(key, *sorted(f * key.value for f in ends)))
-        elif wanted:
-            raise ConfigError(f"--key {key.name}: the config allows no other value of it")
     if not found:
-        raise ConfigError("the config gives no number that could be moved")
+        raise ConfigError("the config has no such number that could be moved")
     return found
-
-
-def _allowed(config: Config, key: Key, factor: float) -> bool:
-    try:
-        return bool(changed(config, key, factor))
-    except ConfigError:
-        return False
 
 
 class Session:
@@ -105,7 +93,8 @@ class Session:
 
     Attributes:
         sliders: What can be moved.
-        run: The first result.
+        run: The last result; there is one at once.
+        checks: Whether the solid checks the membrane that stands for it.
 
     Args:
         case: The case.
@@ -121,28 +110,21 @@ class Session:
         self._turn, self._ticket, self._newest = threading.Condition(), 0, Values()
         self._asked: tuple[int, int, Values] | None = None
         self._found: tuple[int, Answer | None] = (0, None)
-        own = case.config.physics.model == "membrane"
-        self._sheet, self._model = dict[str, Any](), "membrane" if own else "solid"
-        start = tuple(s.key.value for s in self.sliders)
-        found = None if own else self._as_membrane(start)
-        self.run: Run = found or self._solve(self.config(start), own)
-
-    @property
-    def checks(self) -> bool:
-        """Whether the solid checks the membrane that stands for it."""
-        return bool(self._sheet)
-
-    def _as_membrane(self, start: Values) -> Run | None:
-        """A membrane's answer in place of the solid's, if there is one."""
-        self._sheet = {"physics": {"model": "membrane", "formulation": "displacement"}}
-        if getattr(self._case.config.geometry, "air_height", 0):
-            self._sheet["geometry"] = {"air_height": "0 mm"}
-        self._model = "membrane in place of the solid"
+        start, own = tuple(s.key.value for s in self.sliders), case.config.physics.model
+        self._sheet: dict[str, Any] = {}  # what makes a membrane of the solid
+        if own == "solid":
+            self._sheet = {"physics": {"model": "membrane", "formulation": "displacement"}}
+            if getattr(case.config.geometry, "air_height", 0):
+                self._sheet["geometry"] = {"air_height": "0 mm"}
+        self._model: str = "membrane in place of the solid" if self._sheet else own
         try:
-            return self._solve(self.config(start), True)
+            self.run: Run = self._solve(self.config(start), self._sheet or own == "membrane")
         except DealibError as error:
+            if not self._sheet:
+                raise
             self._sheet, self._model = {}, f"solid (no membrane: {first_line(error)})"
-            return None
+            self.run = self._solve(self.config(start), False)
+        self.checks = bool(self._sheet)
 
     def config(self, values: Values, solid: bool = False) -> Config:
         """The config of a position of the sliders.
@@ -157,13 +139,12 @@ class Session:
     def save(self, values: Values) -> Path:
         """Write the config of a position into the present folder, under a name of its own."""
         config, k = self.config(values), 1
-        while Path(f"{config.name}-app-{k}.yaml").exists():
+        while (path := Path(f"{config.name}-app-{k}.yaml")).exists():
             k += 1
-        path = Path(f"{config.name}-app-{k}.yaml")
         output = config.output.model_copy(update={"directory": f"runs/{path.stem}"})
         text = resolved(config.model_copy(update={"output": output}))
         with guarded(path), path.open("x", encoding="utf-8") as file:
-            file.write(f"# {config.name} as its sliders stood in dealib app; {self._model}\n{text}")
+            file.write(f"# as the sliders of dealib app stood; {self._model}\n{text}")
         return path
 
     def ask(self, level: int, values: Values) -> Answer | None:
@@ -186,12 +167,12 @@ class Session:
                 self._turn.wait_for(lambda: self._asked is not None)
                 assert self._asked is not None
                 (ticket, level, values), self._asked = self._asked, None
-            answer = self._answer(level, values, ticket)
+            answer = self._answer(ticket, level, values)
             with self._turn:
                 self._found = ticket, answer
                 self._turn.notify_all()
 
-    def _answer(self, level: int, values: Values, ticket: int) -> Answer | None:
+    def _answer(self, ticket: int, level: int, values: Values) -> Answer | None:
         begin, told = time.perf_counter(), f"{self._model}, {_HOW[level]}"
         if level == QUICK and self._model.startswith("solid"):
             return Answer(self.run, f"{self._model}: is being solved")
@@ -203,20 +184,19 @@ class Session:
             return None
         told += f", {time.perf_counter() - begin:.2f} s"
         if level == CHECK:
-            told += deviation(self.run, run)
-        else:
-            self.run = run
+            return Answer(run, told + deviation(self.run, run))
+        self.run = run
         return Answer(run, told)
 
-    def _solve(self, config: Config, quick: bool, ticket: int = 0) -> Any:
+    def _solve(self, config: Config, quick: Any, ticket: int = 0) -> Any:
         """The run of a config; None if it is not wanted any more."""
         if quick:
             columns = min(config.mesh.columns, _COLUMNS)
             mesh = config.mesh.model_copy(update={"columns": columns})
             cut = [s.model_copy(update={"steps": min(s.steps, _STEPS)}) for s in config.program]
             config = config.model_copy(update={"mesh": mesh, "program": tuple(cut)})
-        rows, states = list[dict[str, Any]](), list[dict[str, Any]]()
         simulation = Simulation(replace(self._case, config=config), MPI.COMM_SELF)
+        rows, states = list[Any](), list[Any]()
         for state in simulation:
             rows.append(state.row)
             states.append({"states": state.nodal(), "internal": state.internal()})
@@ -231,6 +211,6 @@ def deviation(fast: Run, solid: Run) -> str:
     for name in motion(solid):
         exact = solid.history[name].to_numpy()
         off = np.abs(np.interp(at, fast.history["time_s"], fast.history[name]) - exact).max()
-        if np.ptp(exact) > 1e-9 and off > 1e-6 * np.ptp(exact):  # it is not given
+        if off > 1e-6 * np.ptp(exact) > 1e-15:  # else it is given
             told.append(f"{split(name)[0].lower()} {100 * off / np.ptp(exact):.2g} %")
     return f"; the membrane is off by {', '.join(told)} of the range" if told else ""

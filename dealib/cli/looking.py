@@ -211,7 +211,7 @@ def sliders(
     Laminates are solved as membranes, then the solid tells how far these are off; others as soon as
     they are solved. What is beyond a limit is red. A button saves the state as a YAML file here.
     """
-    from dealib.cli.page import show
+    from dealib.app.page import show
     from dealib.config import load
 
     show(load(config, set), key or [], port, browser)
@@ -220,9 +220,10 @@ def sliders(
 @app.command()
 def view(run: RunDirectory, port: Port = 0, browser: Browser = True) -> None:
     """Show a run in the browser: curves, margins, fields on the deformed device, cuts."""
-    from dealib.cli.page import view as show
+    from dealib.app.page import view as show
+    from dealib.results.reader import Run
 
-    show(run, port, browser)
+    show(Run(run), port, browser)
 
 
 @app.command()
