@@ -20,6 +20,7 @@ from dealib.results.reader import Run
 from dealib.results.summary import VERDICTS, drive, motion
 
 RED = BEYOND[VERDICTS[0]]
+_EYE = {"x": 1.5, "y": -2.1, "z": 1.5}
 _LIGHTING = {"ambient": 0.65, "diffuse": 0.5, "specular": 0.05, "facenormalsepsilon": 0}
 
 
@@ -97,7 +98,7 @@ def device(run: Run, step: int, field: str, cut: str, share: float) -> dict[str,
     layout["margin"] = {"l": 55, "r": 0, "t": 70, "b": 45}
     if shape.solid:
         axes = {f"{n}axis": {"title": {"text": f"{n.upper()} (mm)"}} for n in "xyz"}
-        layout["scene"] = axes | {"aspectmode": "data"}
+        layout["scene"] = axes | {"aspectmode": "data", "camera": {"eye": _EYE}}
         bodies_ = bodies(shape, what, x, values)
         return {"data": _solid(bodies_, "XYZ".find(cut[-1]), share, shades), "layout": layout}
     a, b = ({"title": {"text": f"{axis} (mm)"}} for axis in shape.kinematics.axes)

@@ -85,7 +85,7 @@ def build(run: Run, session: Any = None) -> Any:
     for key, low, high in given:
         name = {"type": "key", "name": key.name}
         marks = {end: neat(end, 3) for end in (low, high)}
-        side.append(html.Label(f"{key.name} ({key.unit})" if key.unit else key.name))
+        side.append(html.Small(f"{key.name} ({key.unit})" if key.unit else key.name))
         side.append(slider(name, low, high, (high - low) / 100, key.value, marks=marks))
     side += [html.Button("Save as YAML", id="save"), html.Div(id="saved")] if session else []
     side += [html.Div(run.status, id="status"), html.Div(id="problem", style=_RED)]
