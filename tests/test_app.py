@@ -268,7 +268,7 @@ def test_without_dash_the_command_to_install_it_is_told(monkeypatch, strip_run):
     from dealib.errors import PlatformError
 
     monkeypatch.setitem(sys.modules, "dash", None)
-    with pytest.raises(PlatformError, match=r"pip install 'dash>=3,<5'"):
+    with pytest.raises(PlatformError, match=r"pip install 'dash>=4,<5'"):
         build(strip_run)
 
 

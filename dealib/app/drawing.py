@@ -103,15 +103,11 @@ def device(run: Run, step: int, field: str, cut: str, share: float) -> dict[str,
         return {"data": _solid(bodies_, "XYZ".find(cut[-1]), share, shades), "layout": layout}
     a, b = ({"title": {"text": f"{axis} (mm)"}} for axis in shape.kinematics.axes)
     layout |= {"xaxis": a, "yaxis": b | {"scaleanchor": "x"}, "hovermode": False}
-    key = {"color": [low], "size": 0.1} | shades
-    first: dict[str, Any] = {
-        "type": "scatter",
-        "mode": "markers",
-        "marker": key,
-    }  # has the colour bar alone
-    first |= {"x": [x[0, 0]], "y": [x[0, 1]]}
-    return {"data": [first, *_flat(x[shape.strips.triangles], shape, values, look)],
-            "layout": layout}  # fmt: skip
+    bar_alone = {"color": [low], "size": 0.1} | shades
+    first: dict[str, Any] = {"type": "scatter", "mode": "markers", "x": [x[0, 0]], "y": [x[0, 1]]}
+    first["marker"] = bar_alone
+    flat = _flat(x[shape.strips.triangles], shape, values, look)
+    return {"data": [first, *flat], "layout": layout}
 
 
 def _flat(x: Array, shape: Shape, values: Array, look: dict[str, Any]) -> list[dict[str, Any]]:

@@ -64,14 +64,14 @@ def build(run: Run, session: Any = None) -> Any:
         from dash import ALL, Dash, Input, Output, State, dcc, html, no_update
     except ImportError:
         raise PlatformError(
-            "dash is not installed, which shows pages: .venv/bin/pip install 'dash>=3,<5'"
+            "dash is not installed, which shows pages: .venv/bin/pip install 'dash>=4,<5'"
         ) from None
     now: dict[str, Any] = {"run": run, "solid": None, "number": 1}  # what is shown
     turn, given = threading.Lock(), [] if session is None else session.sliders
     every, x, y = drawing.columns(run)
     known, ways = drawing.fields(run), drawing.cuts(run)
     names = [{"label": label(c), "value": c} for c in every]
-    app = Dash(__name__, title=f"{run.title}: dealib", update_title="", serve_locally=True)
+    app = Dash(__name__, title="dealib", update_title="", serve_locally=True)
 
     def used(run: Run) -> list[Any]:
         tips = [(m, f"{m.meaning}; {m.when} {m.where}") for m in margins(run)]
@@ -118,7 +118,6 @@ def build(run: Run, session: Any = None) -> Any:
         places += [("shown", "data"), (to, "data")]
         outputs = [Output(*place, allow_duplicate=True) for place in places]
         states = (State("x", "value"), State("y", "value"))
-
         later = level > 0 or "initial_duplicate"
 
         @app.callback(*outputs, source, *states, prevent_initial_call=later)
@@ -127,7 +126,8 @@ def build(run: Run, session: Any = None) -> Any:
             if found is None:
                 return [no_update] * len(outputs)
             if found.problem:
-                return [found.told, found.problem, no_update, no_update, values]
+                next_ = no_update if level else values  # more steps may get there
+                return [found.told, found.problem, no_update, no_update, next_]
             now.update({"solid": found.run} if level == 2 else {"run": found.run, "solid": None})
             now["number"] += 1
             ends = level == 2 or (level == 1 and not session.checks)

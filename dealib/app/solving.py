@@ -28,6 +28,7 @@ from dealib.results.summary import motion
 _COLUMNS, _STEPS = 12, 2  # of a quick answer: elements along the film, steps of a stage
 _REACH = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95)  # of a slider, of the number that the file gives
 QUICK, FULL, CHECK = 0, 1, 2  # what is asked for
+_REST = 1.0  # s, before the solid is solved, whose steps cannot be stopped
 _HOW = ("quick: few steps and elements", "all steps", "checked by the solid")
 Values = tuple[float, ...]
 
@@ -148,7 +149,9 @@ class Session:
         return path
 
     def ask(self, level: int, values: Values) -> Answer | None:
-        """Wait for an answer; None once another position is asked for."""
+        """Wait for an answer; None once another position is asked for, or if it is none."""
+        if len(values) != len(self.sliders) or not all(isinstance(v, (int, float)) for v in values):
+            return None  # a field that is being typed in
         with self._turn:
             if level == QUICK:
                 self._newest = values
@@ -167,6 +170,8 @@ class Session:
                 self._turn.wait_for(lambda: self._asked is not None)
                 assert self._asked is not None
                 (ticket, level, values), self._asked = self._asked, None
+                if level == CHECK and self._turn.wait_for(lambda: self._asked is not None, _REST):
+                    continue
             answer = self._answer(ticket, level, values)
             with self._turn:
                 self._found = ticket, answer
@@ -179,7 +184,8 @@ class Session:
         try:
             run = self._solve(self.config(values, level == CHECK), level == QUICK, ticket)
         except DealibError as error:
-            return Answer(None, f"{told}: the curves are those of an earlier position", str(error))
+            kept = "this membrane" if level == CHECK else "an earlier position"
+            return Answer(None, f"{told}: the curves are those of {kept}", str(error))
         if run is None:
             return None
         told += f", {time.perf_counter() - begin:.2f} s"
