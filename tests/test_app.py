@@ -247,6 +247,7 @@ def test_the_newest_position_wins(session):
     assert found["first"] is None
     assert found["newest"].run.config.geometry.film_thickness == pytest.approx(1.2 * 0.03199)
     assert session.ask(FULL, (1.1 * 0.03199,)) is None  # of an earlier position
+    assert session.ask(QUICK, (None,)) is None  # a field that is being typed in
     full = session.ask(FULL, (1.2 * 0.03199,))
     assert len(full.run.history) == 32  # rows
     quick = found["newest"].run.history
