@@ -49,6 +49,7 @@ CHEAP = {  # no suite within the suite, no more processes than there are, a shor
         ".venv/bin/dealib sweep configs/my_study.yaml -j 2"
     ),
 }
+PAGES_IN_BROWSER = (".venv/bin/dealib app", ".venv/bin/dealib view")  # they end with Ctrl-C
 THESIS = ("fig04", "fig19")  # the studies of the copy's thesis
 
 
@@ -170,6 +171,8 @@ def test_every_command_works(copy):
         if "--revolved" in given and no_rendering():
             continue
         command = CHEAP.get(given, given)
+        if given.startswith(PAGES_IN_BROWSER):
+            command = f"timeout -s INT 12 {given} --no-browser | grep http://127.0.0.1"
         done = shell(command, copy)
         assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
     for file in (

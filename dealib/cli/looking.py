@@ -7,7 +7,17 @@ from typing import Annotated
 
 import typer
 
-from dealib.cli.root import ConfigFile, Dark, Overwrite, RunDirectory, Set, Step, app
+from dealib.cli.root import (
+    Browser,
+    ConfigFile,
+    Dark,
+    Overwrite,
+    Port,
+    RunDirectory,
+    Set,
+    Step,
+    app,
+)
 from dealib.cli.solving import study
 
 
@@ -183,6 +193,37 @@ def report(
     from dealib.cli.report import report as write
 
     typer.echo(write(path, out, overwrite))
+
+
+@app.command("app")
+def sliders(
+    config: ConfigFile,
+    key: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY", help="a number to move, or a section; repeat for more"),
+    ] = None,
+    set: Set = None,
+    port: Port = 0,
+    browser: Browser = True,
+) -> None:
+    """Show a config in the browser, with sliders for its numbers; curves and device follow.
+
+    Laminates are solved as membranes, then the solid tells how far these are off; others as soon as
+    they are solved. What is beyond a limit is red. A button saves the state as a YAML file here.
+    """
+    from dealib.app.page import show
+    from dealib.config import load
+
+    show(load(config, set), key or [], port, browser)
+
+
+@app.command()
+def view(run: RunDirectory, port: Port = 0, browser: Browser = True) -> None:
+    """Show a run in the browser: curves, margins, fields on the deformed device, cuts."""
+    from dealib.app.page import view as show
+    from dealib.results.reader import Run
+
+    show(Run(run), port, browser)
 
 
 @app.command()

@@ -54,6 +54,8 @@ Set = Annotated[
 ]
 Ranks = Annotated[int, typer.Option("--mpi", min=1, help="number of MPI ranks")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="replace the file given by --out")]
+Port = Annotated[int, typer.Option(min=0, max=65535, help="of 127.0.0.1; default a free one")]
+Browser = Annotated[bool, typer.Option(help="open the page in the browser")]
 Dark = Annotated[bool, typer.Option("--dark", help="on a dark background")]
 Step = Annotated[
     int | None,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -82,11 +82,24 @@ def changed(config: Config, key: Key, factor: float) -> Config:
     Raises:
         ConfigError: If it is none then.
     """
+    return moved(config, {key: factor})
+
+
+def moved(config: Config, factors: Mapping[Key, float], also: Mapping[str, Any] = {}) -> Config:
+    """The config with some numbers multiplied by factors, and keys of sections given.
+
+    Raises:
+        ConfigError: If it is none then.
+    """
     tree = config.model_dump(exclude_none=True)
-    if key.path[-1] == "youngs_modulus":
+    if any(key.path[-1] == "youngs_modulus" for key in factors):
         tree = _tree(config, tree)
+    for key, factor in factors.items():
+        tree = _scaled(tree, key.path, factor)
+    for section, given in also.items():
+        tree[section] = tree.get(section, {}) | given
     try:
-        return Config.model_validate(_scaled(tree, key.path, factor))
+        return Config.model_validate(tree)
     except ValidationError as error:
         raise ConfigError(problem(error.errors()[0])) from None
 

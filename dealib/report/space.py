@@ -80,7 +80,7 @@ def view(run: Run, whats: Sequence[Quantity]) -> dict[str, Any]:
         "note": "; ".join(notes).replace(",", " ") + ".",
         "ends": ends.tolist(),
         "box": _box(every, moved),
-        "quantities": [_quantity(first, what, found[:, k]) for k, what in enumerate(whats)],
+        "quantities": [coloured(first, what, found[:, k]) for k, what in enumerate(whats)],
         "parts": [
             {
                 "plain": CONDUCTORS,
@@ -138,7 +138,7 @@ def _box(every: Sequence[Patch], moved: Array) -> list[list[float]]:
     return np.stack([low - room, high + room], axis=1).tolist()
 
 
-def _quantity(shape: Shape, what: Quantity, values: Array) -> dict[str, Any]:
+def coloured(shape: Shape, what: Quantity, values: Array) -> dict[str, Any]:
     """Its name, and the colours that the other pictures have."""
     colours, there = scale(shape, values, LIGHT, what), values[np.isfinite(values)]
     shades = colormaps[colours.cmap](np.linspace(0, 1, _COLOURS))

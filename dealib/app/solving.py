@@ -1,0 +1,222 @@
+"""Solves what the sliders of a page ask for: the newest position wins."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mpi4py import MPI
+
+import numpy as np
+import pandas as pd
+
+from dealib.config.case import Case, resolved
+from dealib.config.schema import Config
+from dealib.design.keys import Key, changed, keys, moved
+from dealib.errors import ConfigError, DealibError, first_line
+from dealib.files import guarded
+from dealib.plots.labels import split
+from dealib.program import Simulation
+from dealib.program.margins import table
+from dealib.results.reader import Run
+from dealib.results.summary import motion
+
+_COLUMNS, _STEPS = 12, 2  # of a quick answer: elements along the film, steps of a stage
+_REACH = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95)  # of a slider, of the number that the file gives
+QUICK, FULL, CHECK = 0, 1, 2  # what is asked for
+_REST = 1.0  # s, before the solid is solved, whose steps cannot be stopped
+_HOW = ("quick: few steps and elements", "all steps", "checked by the solid")
+Values = tuple[float, ...]
+
+
+class Slider(NamedTuple):
+    """A number of the config that can be moved, and how far."""
+
+    key: Key
+    low: float
+    high: float
+
+
+class Answer(NamedTuple):
+    """A run, or what went wrong; and how it was found."""
+
+    run: Run | None
+    told: str
+    problem: str = ""
+
+
+class Kept(Run):
+    """A run in memory."""
+
+    def __init__(self, config: Config, rows: list[Any], states: list[Any], last: Any) -> None:
+        self.directory, self._told, self._states = Path(config.directory), set(), states
+        self._info = {"margins": table(last.progress.worst), "name": config.name, "status": "done"}
+        # what a run would read from its files
+        self.__dict__ |= {"config": config, "title": config.name, "mesh": last.layout.mesh}
+        self.__dict__ |= {"history": pd.DataFrame(rows)}
+
+    info = property(lambda self: self._info)
+    stored_steps = property(lambda self: list(range(len(self._states))))
+
+    def _stored(self, group: str, index: int) -> Any:
+        return self._states[index].get(group)
+
+
+def sliders(config: Config, wanted: Sequence[str]) -> list[Slider]:
+    """Numbers of a config that can be moved by half of themselves, or as far as it may.
+
+    Raises:
+        ConfigError: If there is no such number, or it cannot be moved.
+    """
+    found = []
+    for key in keys(config, wanted):
+        ends = [1.0, 1.0]
+        for k, factors in enumerate((_REACH, [2 - f for f in _REACH])):
+            for ends[k] in (*factors, 1.0):
+                try:
+                    changed(config, key, ends[k])
+                    break
+                except ConfigError:
+                    continue
+        if ends[0] < ends[1]:
+            found.append(Slider(key, *sorted(f * key.value for f in ends)))
+    if not found:
+        raise ConfigError("the config has no such number that could be moved")
+    return found
+
+
+class Session:
+    """A config under sliders; asked by the page's threads, and solved in the one of `serve`.
+
+    Attributes:
+        sliders: What can be moved.
+        run: The last result; there is one at once.
+        checks: Whether the solid checks the membrane that stands for it.
+
+    Args:
+        case: The case.
+        wanted: Keys of the sliders; default all numbers that the file gives.
+
+    Raises:
+        ConfigError: If a key is wrong.
+        NotConverged: If the config as it is has no solution.
+    """
+
+    def __init__(self, case: Case, wanted: Sequence[str] = ()) -> None:
+        self._case, self.sliders = case, sliders(case.config, wanted)
+        self._turn, self._ticket, self._newest = threading.Condition(), 0, Values()
+        self._asked: tuple[int, int, Values] | None = None
+        self._found: tuple[int, Answer | None] = (0, None)
+        start, own = tuple(s.key.value for s in self.sliders), case.config.physics.model
+        self._sheet: dict[str, Any] = {}  # what makes a membrane of the solid
+        if own == "solid":
+            self._sheet = {"physics": {"model": "membrane", "formulation": "displacement"}}
+            if getattr(case.config.geometry, "air_height", 0):
+                self._sheet["geometry"] = {"air_height": "0 mm"}
+        self._model: str = "membrane in place of the solid" if self._sheet else own
+        try:
+            self.run: Run = self._solve(self.config(start), self._sheet or own == "membrane")
+        except DealibError as error:
+            if not self._sheet:
+                raise
+            self._sheet, self._model = {}, f"solid (no membrane: {first_line(error)})"
+            self.run = self._solve(self.config(start), False)
+        self.checks = bool(self._sheet)
+
+    def config(self, values: Values, solid: bool = False) -> Config:
+        """The config of a position of the sliders.
+
+        Raises:
+            ConfigError: If it is none.
+        """
+        pairs = zip(self.sliders, values, strict=True)
+        factors = {s.key: v / s.key.value for s, v in pairs if abs(v / s.key.value - 1) > 1e-9}
+        return moved(self._case.config, factors, {} if solid else self._sheet)
+
+    def save(self, values: Values) -> Path:
+        """Write the config of a position into the present folder, under a name of its own."""
+        config, k = self.config(values), 1
+        while (path := Path(f"{config.name}-app-{k}.yaml")).exists():
+            k += 1
+        output = config.output.model_copy(update={"directory": f"runs/{path.stem}"})
+        text = resolved(config.model_copy(update={"output": output}))
+        with guarded(path), path.open("x", encoding="utf-8") as file:
+            file.write(f"# as the sliders of dealib app stood; {self._model}\n{text}")
+        return path
+
+    def ask(self, level: int, values: Values) -> Answer | None:
+        """Wait for an answer; None once another position is asked for, or if it is none."""
+        if len(values) != len(self.sliders) or not all(isinstance(v, (int, float)) for v in values):
+            return None  # a field that is being typed in
+        with self._turn:
+            if level == QUICK:
+                self._newest = values
+            elif values != self._newest:
+                return None
+            self._ticket = mine = self._ticket + 1
+            self._asked = mine, level, values
+            self._turn.notify_all()
+            self._turn.wait_for(lambda: self._ticket != mine or self._found[0] == mine)
+            return self._found[1] if self._found[0] == mine else None
+
+    def serve(self) -> None:
+        """Answer until a signal comes."""
+        while True:
+            with self._turn:
+                self._turn.wait_for(lambda: self._asked is not None)
+                assert self._asked is not None
+                (ticket, level, values), self._asked = self._asked, None
+                if level == CHECK and self._turn.wait_for(lambda: self._asked is not None, _REST):
+                    continue
+            answer = self._answer(ticket, level, values)
+            with self._turn:
+                self._found = ticket, answer
+                self._turn.notify_all()
+
+    def _answer(self, ticket: int, level: int, values: Values) -> Answer | None:
+        begin, told = time.perf_counter(), f"{self._model}, {_HOW[level]}"
+        if level == QUICK and self._model.startswith("solid"):
+            return Answer(self.run, f"{self._model}: is being solved")
+        try:
+            run = self._solve(self.config(values, level == CHECK), level == QUICK, ticket)
+        except DealibError as error:
+            kept = "this membrane" if level == CHECK else "an earlier position"
+            return Answer(None, f"{told}: the curves are those of {kept}", str(error))
+        if run is None:
+            return None
+        told += f", {time.perf_counter() - begin:.2f} s"
+        if level == CHECK:
+            return Answer(run, told + deviation(self.run, run))
+        self.run = run
+        return Answer(run, told)
+
+    def _solve(self, config: Config, quick: Any, ticket: int = 0) -> Any:
+        """The run of a config; None if it is not wanted any more."""
+        if quick:
+            columns = min(config.mesh.columns, _COLUMNS)
+            mesh = config.mesh.model_copy(update={"columns": columns})
+            cut = [s.model_copy(update={"steps": min(s.steps, _STEPS)}) for s in config.program]
+            config = config.model_copy(update={"mesh": mesh, "program": tuple(cut)})
+        simulation = Simulation(replace(self._case, config=config), MPI.COMM_SELF)
+        rows, states = list[Any](), list[Any]()
+        for state in simulation:
+            rows.append(state.row)
+            states.append({"states": state.nodal(), "internal": state.internal()})
+            if self._ticket != ticket:
+                return None
+        return Kept(config, rows, states, simulation.engine)
+
+
+def deviation(fast: Run, solid: Run) -> str:
+    """By how much a membrane is off, of the range of what the device does."""
+    told, at = [], solid.history["time_s"]
+    for name in motion(solid):
+        exact = solid.history[name].to_numpy()
+        off = np.abs(np.interp(at, fast.history["time_s"], fast.history[name]) - exact).max()
+        if off > 1e-6 * np.ptp(exact) > 1e-15:  # else it is given
+            told.append(f"{split(name)[0].lower()} {100 * off / np.ptp(exact):.2g} %")
+    return f"; the membrane is off by {', '.join(told)} of the range" if told else ""
