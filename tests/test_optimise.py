@@ -131,7 +131,7 @@ def test_it_never_ends_beyond_a_limit(thinnest):
 def test_best_config_is_the_base_with_its_comments(thinnest):
     out, _ = thinnest
     text = (out / "best.yaml").read_text()
-    assert "# what the pre-stretch needs" in text
+    assert "# holds the pre-stretch" in text
     config = dealib.load(out / "best.yaml").config
     assert config.name == "thickness-best"
     assert config.directory == "runs/thickness-best"
