@@ -193,7 +193,7 @@ def test_derivatives_equal_differences_of_whole_runs(kind):
         expected = whole_runs(case, of, name)
         for q in of:
             row, value = rows[q, name], found.values[q]
-            # of influences that are hardly there: rounding of 1e-13 in states, over a change of 1e-5
+            # of influences that are hardly there: 1e-13 of rounding in states over a change of 1e-5
             least = 2e-8 * abs(value / row["value"])
             assert row["derivative"] == pytest.approx(expected[q], rel=1e-6, abs=least), (name, q)
 
