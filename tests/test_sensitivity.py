@@ -78,6 +78,20 @@ KINDS = {
             "program.1.terminal.charge",
         ],
     ),
+    "tension field": (  # slack around the axis wherever a difference looks: it is smooth there
+        SMALL,
+        {
+            "physics": "{model: membrane, wrinkling: tension_field}",
+            "materials.film.prestretch": "1.03",
+            "program": "[{stage: push, mount: {displacement: -2 mm}, steps: 2}, "
+            "{stage: actuate, terminal: {voltage: 3.2 kV}, steps: 2}]",
+        },
+        ["force_N", "charge_uC"],
+        [
+            *("geometry.inner_radius", "geometry.film_thickness", "materials.film.prestretch"),
+            *("materials.film.youngs_modulus", "program.1.terminal.voltage"),
+        ],
+    ),
     "viscous": (
         VISCOUS,
         {"solver.time_tolerance": 0},
