@@ -12,9 +12,9 @@ from synthetic import FITS, RELAXING, TRUE, texts
 from dealib.__main__ import main
 from dealib.calibration import fit as fitting
 from dealib.calibration import report
-from dealib.calibration import search as searching
 from dealib.calibration.cases import Cases
 from dealib.calibration.fit import run_search
+from dealib.calibration.objective import Objective
 from dealib.calibration.schema import Plan
 from dealib.cases.cache import Cache
 from dealib.cases.workers import Pool
@@ -111,7 +111,7 @@ def test_derivatives_come_from_the_run_itself(tmp_path, monkeypatch):
 
 
 def search_once(task, found):
-    objective = searching._Objective(task, lambda line: None)
+    objective = Objective(task, lambda line: None)
     found.append(objective.jacobian(objective.numbers(objective.parameters())))
     raise Interrupted("enough", 2)
 

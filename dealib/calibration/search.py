@@ -1,4 +1,4 @@
-"""The least-squares search: residuals of all data, their derivatives, and what they leave open."""
+"""The least-squares search, and what the data leave open."""
 
 from __future__ import annotations
 
@@ -10,131 +10,17 @@ import lmfit
 import numpy as np
 from scipy.stats import t as student
 
+from dealib.calibration.objective import FAILED, Objective, short
 from dealib.calibration.statistics import Uncertainty, directions, uncertainty
-from dealib.calibration.task import Data, Estimate, Found, History, Task, Values
+from dealib.calibration.task import Data, Estimate, Found, Task
 from dealib.data.measured import Array
 from dealib.errors import NotConverged
 
-_FAILED = 1e3  # residual, in standard deviations, of a case that does not converge
 _NEAR = 1e-3  # of its range: a parameter is at its bound
 _BENT = 1.4  # sum of squares at an end of an interval over that of a parabola: it misleads
 
 
-class _Objective:
-    """Residuals in standard deviations, and their derivatives by what is searched for."""
-
-    def __init__(self, task: Task, progress: Callable[[str], None]) -> None:
-        self.task, self.progress, self.evaluations = task, progress, 0
-        self.names = {key: f"p{i}" for i, key in enumerate(task.free)}  # that lmfit takes
-        self._shown: Values = {}
-
-    def parameters(self, numbers: Array | None = None) -> lmfit.Parameters:
-        """Parameters at the start, or at other numbers."""
-        found = lmfit.Parameters()
-        for i, (key, free) in enumerate(self.task.free.items()):
-            low, high = free.range
-            value = free.inner(free.start) if numbers is None else numbers[i]
-            found.add(self.names[key], value=value, min=low, max=high)
-        return found
-
-    def numbers(self, parameters: lmfit.Parameters) -> Array:
-        return np.array([parameters[name].value for name in self.names.values()])
-
-    def values(self, numbers: Array) -> Values:
-        pairs = zip(self.task.free.items(), numbers, strict=True)
-        return {key: free.outer(number) for (key, free), number in pairs}
-
-    def residual(self, parameters: lmfit.Parameters) -> Array:
-        values = self.values(self.numbers(parameters))
-        self.evaluations += 1
-        residual = self.residuals([values])[0]
-        if values != self._shown:  # lmfit asks more than once
-            self._shown = values
-            free = self.task.free
-            where = ", ".join(
-                f"{_short(key, free)} {value:.6g} {free[key].unit}".strip()
-                for key, value in values.items()
-            )
-            self.progress(f"sum of squares {float(residual @ residual):<11.6g}  {where}")
-        return residual
-
-    def varied(self, parameters: lmfit.Parameters) -> Array:
-        """Derivatives by those that lmfit varies."""
-        vary = np.array([parameters[name].vary for name in self.names.values()])
-        return self.jacobian(self.numbers(parameters), vary)
-
-    def jacobian(self, numbers: Array, vary: Array | None = None) -> Array:
-        """Derivatives of the residuals, (points, parameters).
-
-        By differences: of histories with a parameter moved, which are solved, or told by slopes.
-        """
-        values = self.values(numbers)
-        (here,) = self.task.solve([values])
-        slopes, sets, steps = self._slopes(values, here), [], []
-        for i, (key, free) in enumerate(self.task.free.items()):
-            if vary is not None and not vary[i]:
-                continue
-            step = self.task.difference * free.scale(numbers[i])
-            moved = numbers[i] + step if numbers[i] + step <= free.range[1] else numbers[i] - step
-            sets.append((key, values | {key: free.outer(moved)}))
-            steps.append(moved - numbers[i])
-        rest = [of for key, of in sets if key not in slopes]
-        solved = iter(self.task.solve([values, *rest])[1:] if rest else [])
-        there = [
-            _moved(here, slopes[key], of[key] / values[key] - 1) if key in slopes else next(solved)
-            for key, of in sets
-        ]
-        base = self._residuals(here)
-        columns = [(self._residuals(m) - base) / h for m, h in zip(there, steps, strict=True)]
-        return np.column_stack(columns)
-
-    def _slopes(
-        self, values: Values, here: list[History | NotConverged]
-    ) -> dict[str, list[History]]:
-        """Derivatives of all series' histories by the logarithms of parameters, where all have."""
-        if self.task.slopes is None or any(isinstance(h, NotConverged) for h in here):
-            return {}
-        found, needed = self.task.slopes(values), [s.measured for s in self.task.series]
-        return {
-            key: [of[key] for of in found]
-            for key in self.task.free
-            if all(
-                key in of and {data.x, *data.curves} <= {"time_s", *of[key]}
-                for of, data in zip(found, needed, strict=True)
-            )
-        }
-
-    def residuals(self, sets: list[Values]) -> list[Array]:
-        return [self._residuals(found) for found in self.task.solve(sets)]
-
-    def _residuals(self, found: Sequence[History | NotConverged]) -> Array:
-        return np.concatenate([_residual(*p) for p in zip(self.task.series, found, strict=True)])
-
-    def squares(self, numbers: Sequence[Array]) -> list[float]:
-        """Sums of squares."""
-        return [float(r @ r) for r in self.residuals([self.values(n) for n in numbers])]
-
-
-def _moved(
-    histories: Sequence[History | NotConverged], slopes: Sequence[History], change: float
-) -> list[History | NotConverged]:
-    """Histories after a relative change of a parameter."""
-    return [
-        history
-        if isinstance(history, NotConverged)
-        else history | {name: history[name] + change * s for name, s in slope.items()}
-        for history, slope in zip(histories, slopes, strict=True)
-    ]
-
-
-def _residual(series: Data, history: History | NotConverged) -> Array:
-    if isinstance(history, NotConverged):
-        x = series.measured.columns[series.measured.x]
-        return np.full(len(series.measured.curves) * len(x), _FAILED)
-    return series.weight * series.residual(history)
-
-
-def _minimizer(objective: _Objective, tolerance: float, evaluations: int) -> Any:
+def _minimizer(objective: Objective, tolerance: float, evaluations: int) -> Any:
     return lmfit.Minimizer(
         objective.residual,
         None,
@@ -153,7 +39,7 @@ def search(task: Task, progress: Callable[[str], None] = lambda line: None) -> F
         task: What is searched for.
         progress: Told each evaluation in one line.
     """
-    objective = _Objective(task, progress)
+    objective = Objective(task, progress)
     minimizer = _minimizer(objective, task.tolerance, task.max_evaluations)
     result = minimizer.minimize("leastsq", objective.parameters())
     numbers = objective.numbers(result.params)
@@ -178,14 +64,14 @@ def search(task: Task, progress: Callable[[str], None] = lambda line: None) -> F
         objective.evaluations,
         unseen(task, J / size, numbers),
         # 5: too many evaluations; 6 to 8: nothing to gain within rounding
-        result.ier in (1, 2, 3, 4, 6, 7, 8) and not result.aborted and bool(np.all(r < _FAILED)),
+        result.ier in (1, 2, 3, 4, 6, 7, 8) and not result.aborted and bool(np.all(r < FAILED)),
         message,
     )
 
 
 def blind(task: Task) -> list[str]:
     """What the data hardly see at the start of a search, for noise as it is assumed."""
-    objective = _Objective(task, lambda line: None)
+    objective = Objective(task, lambda line: None)
     numbers = objective.numbers(objective.parameters())
     return unseen(task, objective.jacobian(numbers), numbers)
 
@@ -205,7 +91,7 @@ def unseen(task: Task, J: Array, numbers: Array) -> list[str]:
         if error > 0.1:
             change = change * np.sign(change[np.argmax(np.abs(change) > 0.05)])
             parts = [
-                f"{_short(key, task.free)} {value:+.0%}".replace("%", " %")
+                f"{short(key, task.free)} {value:+.0%}".replace("%", " %")
                 for key, value in zip(task.free, 0.1 * change, strict=True)
                 if abs(value) >= 0.005
             ]
@@ -215,16 +101,6 @@ def unseen(task: Task, J: Array, numbers: Array) -> list[str]:
                 "in all: the data hardly see it."
             )
     return found
-
-
-def _short(key: str, keys: Any) -> str:
-    """The end of a key that tells it from the others."""
-    parts = key.split(".")
-    for n in range(1, len(parts)):
-        end = ".".join(parts[-n:])
-        if not parts[-n].isdigit() and sum(("." + k).endswith("." + end) for k in keys) == 1:
-            return end
-    return key
 
 
 def _blocks(series: Sequence[Data]) -> list[slice]:
@@ -240,7 +116,7 @@ def _correlation(covariance: Array) -> Array:
 
 
 def _estimates(
-    objective: _Objective, numbers: Array, best: float, J: Array, found: Uncertainty
+    objective: Objective, numbers: Array, best: float, J: Array, found: Uncertainty
 ) -> list[Estimate]:
     task = objective.task
     errors = np.sqrt(np.diag(found.covariance))
@@ -273,7 +149,7 @@ def _estimates(
 
 
 def _bent(
-    objective: _Objective, numbers: Array, ends: Array, ranges: Array, J: Array, best: float
+    objective: Objective, numbers: Array, ends: Array, ranges: Array, J: Array, best: float
 ) -> Array:
     """Whether at an end of a parameter's interval the sum of squares is far from its parabola.
 
@@ -296,7 +172,7 @@ def _bent(
 
 
 def _profile(
-    objective: _Objective, numbers: Array, index: int, end: float, J: Array, rise: float
+    objective: Objective, numbers: Array, index: int, end: float, J: Array, rise: float
 ) -> float:
     """Where the sum of squares, the other parameters fitted again, has risen by an amount.
 

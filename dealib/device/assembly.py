@@ -2,31 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from dealib.device.device import Device
+from dealib.device.driven import Driven, Parts
 from dealib.device.kinematics import Kinematics
 from dealib.device.laminate import FRAME_BLOCK, MOUNT_BLOCK, Laminate
 from dealib.device.ports import Chamber, Hold, Mount, Terminal
 from dealib.device.records import (
     AIR,
-    CHAMBER,
-    MOUNT,
-    PHI,
-    RIGID,
-    TERMINAL,
-    TURN,
-    Port,
     Region,
-    Support,
     air,
 )
 from dealib.device.shapes import MeshShape, Shape
 from dealib.errors import ValueAt, did_you_mean
 
 GROUND = "ground"
-Path_ = tuple[str | int, ...]
 
 
 @dataclass(frozen=True)
@@ -46,55 +38,6 @@ class Sections:
     holds: Sequence[Hold] | None = None
     chambers: Mapping[str, Chamber] | None = None
     regions: Mapping[str, str] | None = None
-
-
-@dataclass(frozen=True)
-class _Parts:
-    """What names can mean.
-
-    Attributes:
-        kinematics: The space.
-        regions: All of them.
-        boundaries: Names of boundaries.
-        conductors: Names of conducting regions.
-        across: Axis across the layers.
-    """
-
-    kinematics: Kinematics
-    regions: tuple[Region, ...]
-    boundaries: tuple[str, ...]
-    conductors: tuple[str, ...]
-    across: str = "Z"
-
-    def check(self, names: Iterable[str], where: Path_) -> None:
-        """Raise `ValueAt` for a name that the device lacks."""
-        known = [*(r.name for r in self.regions), *self.boundaries]
-        for name in names:
-            if name not in known:
-                problem = f"the device has no {name!r}{did_you_mean(name, known)}"
-                raise ValueAt(where, problem)
-
-    def check_axes(self, axes: Iterable[str], where: Path_) -> None:
-        """Raise `ValueAt` for an axis that the space lacks."""
-        for axis in axes:
-            if axis not in self.kinematics.axes:
-                known = ", ".join(self.kinematics.axes)
-                raise ValueAt(where, f"there is no axis {axis!r} here; known: {known}")
-
-    def check_rigid(self, mount: Mount, where: Path_) -> None:
-        """Raise `ValueAt` if a mount cannot be rigid here."""
-        problem = ""
-        if self.kinematics.revolved:
-            problem = "an axisymmetric device moves along Z only; give `along: Z`, or space: 3d"
-        elif self.kinematics.multiple != 1 and self.kinematics.dim == 3:
-            problem = "it would turn out of the planes of geometry.symmetry; leave these out"
-        elif any(region.air for region in self.regions):
-            problem = "only without air around the device"
-        if problem:
-            raise ValueAt((*where, "rigid"), problem)
-        if mount.centre is not None and len(mount.centre) != self.kinematics.dim:
-            axes = ", ".join(self.kinematics.axes)
-            raise ValueAt((*where, "centre"), f"expected one coordinate for each of {axes}")
 
 
 def device(
@@ -130,7 +73,7 @@ def device(
         problem = "all layers conduct: at least one needs a material with relative_permittivity"
         raise ValueAt(("geometry",), problem)
     laminate, on = _patches(laminate, given.terminals or {})
-    parts = _Parts(
+    parts = Parts(
         laminate.kinematics,
         laminate.regions,
         laminate.boundaries,
@@ -148,15 +91,17 @@ def device(
         natural = laminate.held
         frame = [FRAME_BLOCK] if laminate.blocks is not None else []
         holds = [Hold(on=(*frame, name), fix=axes) for name, axes in natural]
-    driven, ports = _driven(
-        parts, mounts, holds, terminals, given.chambers or {}, natural=given.holds is None
-    )
+    driven = Driven(parts)
+    driven.mounts(mounts)
+    driven.holds(holds, natural=given.holds is None)
+    driven.terminals(terminals)
+    driven.chambers(given.chambers or {})
     held = _held_ends(mounts, holds, parts.kinematics)
     return Device(
         parts.kinematics,
         laminate.regions,
-        (*laminate.supports(held), *driven),
-        ports,
+        (*laminate.supports(held), *driven.supports),
+        driven.ports,
         laminate.boundaries,
         laminate.sizes,
         laminate,
@@ -222,124 +167,6 @@ def _held_ends(
     return {name: tuple(sorted(axes)) for name, axes in found.items()}
 
 
-def _driven(
-    parts: _Parts,
-    mounts: Mapping[str, Mount],
-    holds: Sequence[Hold],
-    terminals: Mapping[str, Terminal],
-    chambers: Mapping[str, Chamber],
-    natural: bool = False,
-) -> tuple[list[Support], tuple[Port, ...]]:
-    """Supports in order, later ones hold where they meet earlier ones; and the ports.
-
-    `natural` tells that the holds are those that the base brings.
-    """
-    supports: list[Support] = []
-    taken: dict[str, Path_] = {}
-    ports: list[Port] = []
-    axes = parts.kinematics.axes
-    moved: dict[tuple[str, str], str] = {}
-    for name, mount in mounts.items():
-        where = ("mounts", name)
-        parts.check(mount.on, (*where, "on"))
-        if mount.along is None:
-            parts.check_rigid(mount, where)
-        else:
-            parts.check_axes([mount.along], (*where, "along"))
-        parts.check_axes(mount.free, (*where, "free"))
-        for part in mount.on:
-            other = next((moved[part, a] for a in axes if (part, a) in moved), None)
-            if other is not None:
-                problem = f"{part!r} is a part of mount {other!r} already"
-                raise ValueAt((*where, "on"), problem)
-            if mount.along is None:
-                moved |= {(part, axis): name for axis in axes}
-                supports += [Support(axis, part, name, RIGID) for axis in axes]
-                continue
-            moved[part, mount.along] = name
-            held = [a for a in axes if a != mount.along and a not in mount.free]
-            supports += [Support(axis, part) for axis in held]
-            supports.append(Support(mount.along, part, name, MOUNT.name))
-        if mount.along is None:
-            ports += _six(name, mount, parts.kinematics)
-        else:
-            ports.append(Port(MOUNT, name, mount.on, along=mount.along, mass=mount.mass))
-    for k, hold in enumerate(holds):
-        parts.check(hold.on, ("holds", k, "on"))
-        parts.check_axes(hold.fix, ("holds", k, "fix"))
-        for part, axis in ((p, a) for p in hold.on for a in hold.fix if (p, a) in moved):
-            mount_name = moved[part, axis]
-            if natural:
-                problem = f"the base holds {part!r} by itself; say under `holds` what is held"
-                raise ValueAt(("mounts", mount_name, "on"), f"{problem} instead")
-            problem = f"the mount {mount_name!r} moves {part!r} along {axis}; drop one of both"
-            raise ValueAt(("holds", k, "fix"), problem)
-        supports += [Support(axis, part) for part in hold.on for axis in hold.fix]
-    grounded = False
-    for name, terminal in terminals.items():
-        where = ("terminals", name)
-        parts.check(terminal.on, (*where, "on"))
-        grounded |= terminal.ground
-        port = "" if terminal.ground else name
-        for part in terminal.on:
-            if part in taken:
-                problem = f"{part!r} is a part of terminal {taken[part][1]!r} already"
-                raise ValueAt((*where, "on"), problem)
-            taken[part] = where
-            supports.append(Support(PHI, part, port, TERMINAL.name))
-        if not terminal.ground:
-            ports.append(Port(TERMINAL, name, terminal.on))
-    if not grounded:
-        raise ValueAt(("terminals",), "no terminal is ground; give one of them `ground: true`")
-    for name in parts.conductors:
-        if name not in taken:
-            supports.append(Support(PHI, name, name, TERMINAL.name))
-            ports.append(Port(TERMINAL, name, (name,), floating=True))
-    walls: dict[str, str] = {}
-    opened: dict[str, str] = {}
-    for name, chamber in chambers.items():
-        parts.check(chamber.on, ("chambers", name, "on"))
-        for part in chamber.on:
-            if part not in parts.boundaries:
-                problem = f"{part!r} is no boundary; known: {', '.join(parts.boundaries)}"
-                raise ValueAt(("chambers", name, "on"), problem)
-            if part in walls:
-                problem = f"{part!r} is a face of chamber {walls[part]!r} already"
-                raise ValueAt(("chambers", name, "on"), problem)
-            walls[part] = name
-        along = chamber.along or parts.across
-        parts.check_axes([along], ("chambers", name, "along"))
-        openings = tuple((chamber.openings or {}).items())
-        for opening, _ in openings:
-            if (other := opened.setdefault(opening, name)) != name:
-                problem = f"chamber {other!r} has an opening of this name already"
-                raise ValueAt(("chambers", name, "openings", opening), problem)
-        ports.append(Port(CHAMBER, name, chamber.on, along=along, openings=openings))
-    return supports, tuple(_numbered(ports))
-
-
-def _six(name: str, mount: Mount, kinematics: Kinematics) -> Iterator[Port]:
-    """The ports of a rigid mount; in a plane it turns about the axis across it."""
-    turns = kinematics.axes if kinematics.dim == 3 else ("Y",)
-    named = [(MOUNT, f"{name}.{axis}", axis) for axis in kinematics.axes]
-    named += [(TURN, f"{name}.about_{axis}", axis) for axis in turns]
-    for kind, port, axis in named:
-        mass = mount.mass if kind == MOUNT else 0.0
-        centre = mount.centre or ()
-        yield Port(kind, port, mount.on, along=axis, mass=mass, rigid=name, centre=centre)
-
-
-def _numbered(ports: list[Port]) -> Iterator[Port]:
-    """Ports with the suffixes of their columns."""
-    for k, port in enumerate(ports):
-        twin = next((p for p in ports[:k] if p.name == port.name), None)
-        if twin is not None:
-            problem = f"there is a {twin.kind.name} {port.name!r} too; give them different names"
-            raise ValueAt((f"{port.kind.name}s", port.name), problem)
-        several = sum(p.kind == port.kind for p in ports) > 1
-        yield replace(port, suffix=f".{port.name}" if several else "")
-
-
 # --- own meshes ----------------------------------------------------------------------------------
 
 
@@ -382,7 +209,7 @@ def _of_mesh(
             raise ValueAt(
                 (part,), "this key is missing: a mesh does not say what is held and driven"
             )
-    parts = _Parts(
+    parts = Parts(
         kinematics,
         tuple(regions),
         tuple(n for n, d in names.items() if d == top - 1),
@@ -392,7 +219,10 @@ def _of_mesh(
         if terminal.within is not None:
             problem = "only faces of a laminate have parts; name the part in the mesh"
             raise ValueAt(("terminals", name, "within"), problem)
-    driven, ports = _driven(
-        parts, given.mounts or {}, given.holds or (), given.terminals or {}, given.chambers or {}
-    )
-    return Device(kinematics, parts.regions, tuple(driven), ports, boundaries=parts.boundaries)
+    driven = Driven(parts)
+    driven.mounts(given.mounts or {})
+    driven.holds(given.holds or (), natural=False)
+    driven.terminals(given.terminals or {})
+    driven.chambers(given.chambers or {})
+    supports = tuple(driven.supports)
+    return Device(kinematics, parts.regions, supports, driven.ports, boundaries=parts.boundaries)
