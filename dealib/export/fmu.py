@@ -26,8 +26,9 @@ from dealib.errors import PlatformError
 from dealib.export.lumped import Point, lumped
 from dealib.files import whole, write_text
 from dealib.results.elements import Array
+from dealib.results.hermite import nodal
 from dealib.results.reader import Run
-from dealib.results.tables import Tables, nodal
+from dealib.results.tables import Tables
 from dealib.versions import installed
 
 _SOURCE = Path(__file__).with_name("device.c")

@@ -19,9 +19,10 @@ from dealib.materials import evolution
 from dealib.materials.branches import Branch
 from dealib.results import local
 from dealib.results.elements import Array
+from dealib.results.hermite import spline_slope
 from dealib.results.mesh import Ints, ResultMesh
 from dealib.results.reader import Run
-from dealib.results.tables import Tables, spline_slope
+from dealib.results.tables import Tables
 
 _CELLS, _PAIRS = 400, 300  # cells of a region, and pairs of states, that are looked at
 _POINTS, _MISSING = 12, 1e-3  # at most so many of a material; error, of the range of a force

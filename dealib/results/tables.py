@@ -22,6 +22,7 @@ from dealib.device.records import KINDS, PortKind
 from dealib.errors import ConfigError
 from dealib.files import whole, write_text
 from dealib.results.hdf5 import new_hdf5
+from dealib.results.hermite import basis, nodal
 
 if TYPE_CHECKING:
     from dealib.results.reader import Run
@@ -160,15 +161,15 @@ class Tables:
         for (name, grid), x in zip(self.axes.items(), points, strict=True):
             variable = _KINDS[_stem(name)].primal
             told = variable.name + _suffix(name), variable.unit
-            cell, basis = _basis(grid, x, by.count(name), *told)
+            cell, of_node = basis(grid, x, by.count(name), *told)
             cells.append(cell)
-            bases.append(basis)
+            bases.append(of_node)
         total = np.zeros(points[0].shape)
         for of, values in self._nodal.items():
             for corner in product((0, 1), repeat=len(cells)):
                 weight: Any = 1.0
-                for basis, slope, side in zip(bases, of, corner, strict=True):
-                    weight = weight * basis[slope][side]
+                for of_node, slope, side in zip(bases, of, corner, strict=True):
+                    weight = weight * of_node[slope][side]
                 total += weight * values[tuple(c + s for c, s in zip(cells, corner, strict=True))]
         return total
 
@@ -217,62 +218,6 @@ def _factor(axis: str) -> float:
     """The dual of an axis over the derivative of Pi by it, both in the units of their columns."""
     kind: PortKind = _KINDS[_stem(axis)]
     return kind.sign * kind.primal.factor * kind.dual.factor
-
-
-def nodal(
-    grids: Sequence[Array], values: Array, slopes: Sequence[Array] = ()
-) -> dict[tuple[bool, ...], Array]:
-    """Derivatives of a function at the nodes of a grid, once by each axis that is True.
-
-    Args:
-        grids: Its axes.
-        values: Of the function, (*grid, ...).
-        slopes: Its first derivatives where they are known; by splines else, as the mixed ones.
-    """
-    found = {}
-    for of in product((False, True), repeat=len(grids)):
-        if not any(of):
-            found[of] = values
-        elif sum(of) == 1 and slopes:
-            found[of] = slopes[of.index(True)]
-        else:  # the mean of the ways to it
-            ways = [
-                spline_slope(grids[k], found[(*of[:k], False, *of[k + 1 :])], k)
-                for k, differentiated in enumerate(of)
-                if differentiated
-            ]
-            found[of] = np.mean(ways, axis=0)
-    return found
-
-
-def spline_slope(grid: Array, values: Array, axis: int) -> Array:
-    """Derivatives at the nodes of a grid along one of its axes, by cubic splines."""
-    from scipy.interpolate import CubicSpline
-
-    return np.asarray(CubicSpline(grid, values, axis=axis)(grid, 1))
-
-
-def _basis(grid: Array, x: Array, order: int, name: str, unit: str) -> tuple[Any, Any]:
-    """Cell of each point, and derivatives of the cubic Hermite functions there.
-
-    Returns:
-        The index of the node below, and (values, slopes): for each the functions that belong to
-        the node below and to the one above.
-
-    Raises:
-        ValueError: Outside the grid.
-    """
-    slack = 1e-12 * (grid[-1] - grid[0])
-    if (x < grid[0] - slack).any() or (x > grid[-1] + slack).any() or np.isnan(x).any():
-        raise ValueError(f"the tables hold for a {name} of {grid[0]:g} .. {grid[-1]:g} {unit} only")
-    k = np.clip(np.searchsorted(grid, x, side="right") - 1, 0, len(grid) - 2)
-    h = grid[k + 1] - grid[k]
-    t = (x - grid[k]) / h
-    cubics = ((1, 0, -3, 2), (0, 0, 3, -2)), ((0, 1, -2, 1), (0, 0, -1, 1))
-    values, slopes = (
-        [np.polynomial.Polynomial(c).deriv(order)(t) / h**order for c in pair] for pair in cubics
-    )
-    return k, (values, [s * h for s in slopes])
 
 
 def collect(run: Run) -> Tables:
