@@ -70,8 +70,3 @@ class Device:
         """Whether electrodes of one terminal conduct along a line, like a ladder of resistors."""
         plane = self.kinematics.dim == 2 and not self.kinematics.sheet
         return self.laminate is not None and plane and len(self.of(TERMINAL)) == 1
-
-    @property
-    def has_air(self) -> bool:
-        """Whether air surrounds it."""
-        return any(r.air for r in self.regions)

@@ -24,7 +24,7 @@ from dealib.fem.viscous import Viscosity
 from dealib.results import stress
 from dealib.results.electrodes import Rings
 from dealib.results.elements import Array
-from dealib.results.margins import Film, principal_stretch, smallest
+from dealib.results.margins import principal_stretch, smallest
 
 
 @dataclass(frozen=True)
@@ -217,10 +217,6 @@ class Snapshot:
         """Integral over the films, as mounted, of values at their points (collective)."""
         mine = sum(float((of(state) * state.points.volumes).sum()) for state in self.states)
         return float(self.comm.allreduce(mine))
-
-    def film_has(self, what: Callable[[Film], bool]) -> bool:
-        """Whether a film has a property."""
-        return any(what(points.film) for points in self.films)
 
     def probe(self, name: str) -> float:
         """Value of a probe (collective)."""

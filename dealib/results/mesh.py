@@ -89,12 +89,6 @@ class ResultMesh:
         ids = [self.names.index(name) for name in names]
         return np.flatnonzero(np.isin(self.region, ids))
 
-    def to_nodes(self, by_cell: Array) -> Array:
-        """Nodal values from values by cell of a quantity that is continuous."""
-        out = np.empty((len(self.points), *by_cell.shape[2:]))
-        out[self.cells] = by_cell
-        return out
-
     def average(self, by_cell: dict[str, Array], cells: Ints, out: dict[str, Array]) -> None:
         """Average values at the nodes of some cells into arrays of nodal values.
 
