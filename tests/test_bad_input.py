@@ -412,8 +412,8 @@ SETS = [
     ("geometry={inner_radius: 1 mm}", [
         "geometry.outer_radius: this key is missing: inner radius of the rigid frame; such as "
         "'30 um'",
-        "geometry.film_thickness: this key is missing: as mounted, that is pre-stretched; such as "
-        "'30 um'",
+        "geometry.film_thickness: this key is missing: thickness as mounted, that is "
+        "pre-stretched; such as '30 um'",
         "geometry.electrode_thickness: this key is missing: 0 um: no electrode bodies, the film's "
         "faces are the electrodes; such as '30 um'"]),
 ]  # fmt: skip

@@ -22,15 +22,15 @@ from dealib.units import Length, Rate, Stress, Time, list_of
 class Specimen(Section):
     """Dimensions before the test, by which force and elongation become stress and stretch."""
 
-    length: Length | None = Field(None, gt=0, description="between the marks or clamps")
-    width: Length | None = Field(None, gt=0, description="across the load")
-    thickness: Length | None = Field(None, gt=0, description="of the sheet")
+    length: Length | None = Field(None, gt=0, description="gauge length, between marks or clamps")
+    width: Length | None = Field(None, gt=0, description="width of the specimen, across the load")
+    thickness: Length | None = Field(None, gt=0, description="thickness of the sheet")
 
 
 class Relaxation(Section):
     """A test of stress against time: stretched once, then held."""
 
-    stretch: float = Field(gt=0, description="that is held")
+    stretch: float = Field(gt=0, description="stretch that is held")
     ramp: Time = Field(gt=0, description="time in which it is reached, from the first instant on")
 
 
@@ -77,13 +77,13 @@ class Test(Reading):
 class Wanted(Section):
     """What may describe the material, and what is known of it."""
 
-    laws: tuple[str, ...] = Field(tuple(LAWS), min_length=1, description="that are tried")
+    laws: tuple[str, ...] = Field(tuple(LAWS), min_length=1, description="laws that are tried")
     ogden_terms: int = Field(2, ge=1, le=4, description="most terms of the law ogden; fewer tried")
     branches: list_of(int) = Field(  # type: ignore[valid-type]
         (0,), description="number of Maxwell branches; of several the criterion chooses"
     )
     evolution: Literal["multiplicative", "network"] = Field(
-        "multiplicative", description="of the branches, as in a config"
+        "multiplicative", description="evolution of the branches, as in a config"
     )
     mullins: bool | Literal["auto"] = Field(
         False, description="softening below the largest energy so far; auto: if the data show it"
@@ -122,7 +122,9 @@ class Wanted(Section):
 class CouponMethod(Section):
     """How the fit is done: Levenberg-Marquardt from several starts."""
 
-    criterion: Literal["AICc", "BIC"] = Field("AICc", description="by which the best law is chosen")
+    criterion: Literal["AICc", "BIC"] = Field(
+        "AICc", description="information criterion by which the best law is chosen"
+    )
     confidence: float = Field(0.95, gt=0.5, lt=1, description="level of the intervals")
     intervals: Intervals = Field("auto", description=INTERVALS)
     max_evaluations: int = Field(200, ge=2, description="most evaluations from each start")
@@ -131,7 +133,7 @@ class CouponMethod(Section):
 class CouponOutput(Section):
     """Where results go."""
 
-    directory: str | None = Field(None, description="default runs/NAME")
+    directory: str | None = Field(None, description="directory of the results; default runs/NAME")
     library: str | None = Field(
         None, description="YAML file of materials, beside this one, to which the result is added"
     )

@@ -94,7 +94,12 @@ class Method(Section):
     """How the fit is done: Levenberg-Marquardt with bounds."""
 
     max_evaluations: int = Field(30, ge=2, description="most evaluations of the residuals")
-    tolerance: float = Field(1e-6, gt=0, lt=0.1, description="relative, on sum of squares and x")
+    tolerance: float = Field(
+        1e-6,
+        gt=0,
+        lt=0.1,
+        description="relative change of the sum of squares and of the parameters",
+    )
     difference: float = Field(
         1e-3, gt=0, lt=0.1, description="relative step of the finite differences"
     )
@@ -109,7 +114,9 @@ class Fit(Section):
     description: str = Field("", description="one line, shown in the report")
     base: FilePath = Field(description="config to start from, beside this file")
     set: dict[str, Any] = Field({}, description="keys of the config that differ for the whole fit")
-    parameters: dict[str, Parameter] = Field(min_length=1, description="by dotted key")
+    parameters: dict[str, Parameter] = Field(
+        min_length=1, description="fitted numbers, by dotted key of the config"
+    )
     data: tuple[Data, ...] = Field(min_length=1)
     method: Method = Method()
     output: Destination = Destination()

@@ -18,10 +18,14 @@ else:
 class Band(Section):
     """Small-signal spectrum at the end of the data's stage (see dealib respond)."""
 
-    band: tuple[Positive, Positive] = Field(description="of frequencies, such as [1 Hz, 1 kHz]")
-    points: int = Field(100, ge=2, le=10_000, description="frequencies, at equal ratios")
+    band: tuple[Positive, Positive] = Field(
+        description="lowest and highest frequency, such as [1 Hz, 1 kHz]"
+    )
+    points: int = Field(100, ge=2, le=10_000, description="number of frequencies, at equal ratios")
     of: str | None = Field(None, description="terminal that is driven; default the first one")
-    series_resistance: Resistance = Field(0.0, ge=0, description="of the driver and its leads")
+    series_resistance: Resistance = Field(
+        0.0, ge=0, description="resistance of the driver and its leads"
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> Band:

@@ -46,7 +46,7 @@ class Spring(Section):
     """Linear spring between the mount and an anchor that moves to its given position."""
 
     stiffness: Stiffness = Field(gt=0)
-    anchor: Anchor = Field(description="where the anchor moves, as a displacement")
+    anchor: Anchor = Field(description="displacement to which the anchor moves")
 
     def load(self, x: float) -> tuple[float, float]:
         """See `Load`."""
@@ -58,7 +58,7 @@ class Bistable(Section):
 
     rate: Stiffness = Field(lt=0, description="stiffness at the anchor; negative")
     well: Length = Field(gt=0, description="distance of both rest positions from the anchor")
-    anchor: Anchor = Field(description="where its unstable centre moves, as a displacement")
+    anchor: Anchor = Field(description="displacement to which its unstable centre moves")
 
     def load(self, x: float) -> tuple[float, float]:
         """See `Load`."""
@@ -70,10 +70,12 @@ class Table(Section):
     """Any spring by a table, without overshoot between its points (PCHIP); straight beyond it."""
 
     displacement: tuple[Length, ...] = Field(
-        min_length=2, description="of the mount from the anchor, increasing"
+        min_length=2, description="displacements of the mount from the anchor, increasing"
     )
-    force: tuple[Force, ...] = Field(min_length=2, description="on the mount; negative is down")
-    anchor: Anchor = Field(description="where the zero of the table moves, as a displacement")
+    force: tuple[Force, ...] = Field(
+        min_length=2, description="forces on the mount; negative is down"
+    )
+    anchor: Anchor = Field(description="displacement to which the zero of the table moves")
 
     @model_validator(mode="after")
     def _matches(self) -> Table:
@@ -136,7 +138,9 @@ class SecondFilm(Section):
     down. Its force is computed once, by a run of its own.
     """
 
-    distance: Lengths = Field(description="between both frames; both films are flat at 0 mm")
+    distance: Lengths = Field(
+        description="distance between both frames; both films are flat at 0 mm"
+    )
     set: dict[str, Any] | None = Field(
         None, description="where the second device differs: keys such as geometry.film_thickness"
     )
@@ -156,11 +160,13 @@ class SecondFilm(Section):
 class BiasElement(OneOf):
     """One element, one of the following."""
 
-    mass: Masses | None = Field(None, description="suspended: force -m g")
+    mass: Masses | None = Field(None, description="suspended mass: force -m g")
     spring: Spring | None = Field(None, description="linear spring")
-    bistable: Bistable | None = Field(None, description="spring of negative rate: a cubic")
-    table: Table | None = Field(None, description="any spring, by points")
-    film: SecondFilm | None = Field(None, description="a second film: double cone")
+    bistable: Bistable | None = Field(
+        None, description="spring with two rest positions, of negative rate between them"
+    )
+    table: Table | None = Field(None, description="any spring, by points of its curve")
+    film: SecondFilm | None = Field(None, description="a second film, which makes a double cone")
 
     @property
     def course(self) -> tuple[tuple[str, ...], tuple[float, ...] | Wave]:

@@ -14,10 +14,10 @@ _GAS, _LEAST = 1.2e-12, 1e-6  # density of air, t/mm^3; share of the rest pressu
 class Gas(Section):
     """Gas in a closed chamber, isothermal: what it would have at rest says how much there is."""
 
-    volume: Volume = Field(gt=0, description="of the chamber at rest")
-    pressure: Stress = Field(gt=0, description="absolute one at rest, such as 101.325 kPa")
+    volume: Volume = Field(gt=0, description="volume of the chamber at rest")
+    pressure: Stress = Field(gt=0, description="absolute pressure at rest, such as 101.325 kPa")
     outside: Stress | None = Field(
-        None, gt=0, description="absolute one outside; default the same as at rest"
+        None, gt=0, description="absolute pressure outside; default that at rest"
     )
 
     def load(self, x: float) -> tuple[float, float]:
@@ -30,7 +30,7 @@ class Gas(Section):
 class Liquid(Section):
     """Liquid that flows through a chamber's openings; it does not expand."""
 
-    density: Density = Field(gt=0, description="such as 1000 kg/m^3")
+    density: Density = Field(gt=0, description="density of the liquid, such as 1000 kg/m^3")
 
 
 class Filled(Section):

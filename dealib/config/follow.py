@@ -61,18 +61,19 @@ def partner(name: str) -> str:
 class Follow(Section):
     """Pseudo-arc-length: the path of equilibria in two port variables, past limit points.
 
-    The first one is set free and varies as equilibrium asks; states are stable or not under its
-    control. `steps` would lead straight to the end of `along`; the path takes more. Time only
-    counts the path, `duration` over a length as that straight one.
+    The first variable is no longer prescribed but solved for; the history tells whether a state
+    would be stable if it were prescribed. The first increment is the way to the end of `along`
+    over `steps`. Time counts the length of the path, in units in which the straight way to that
+    end takes `duration`.
     """
 
     vary: Name = Field(
-        description="what is set free, such as voltage, or voltage.NAME where there are several "
-        "terminals; limit points are those of it"
+        description="variable that is solved for, such as voltage, or voltage.NAME if there are "
+        "several terminals; limit points are extrema of it"
     )
     along: Name | None = Field(
         None,
-        description="what else measures the path; default the partner at the same port: charge of "
+        description="second variable of the path; default its dual at the same port: charge of "
         "voltage, displacement of force, volume of pressure, and the reverse",
     )
     until: Limits = Field(

@@ -22,14 +22,14 @@ class Probe(Section):
 
     displacement: str | None = Field(None, description="axis whose displacement is measured")
     quantity: str | None = Field(
-        None, description="anything else: E, phi, stretch_R, thickness_stretch, stress_RR, ..."
+        None, description="any other quantity: E, phi, stretch_R, thickness_stretch, stress_RR, ..."
     )
     at: Position | None = Field(
-        None, min_length=2, max_length=3, description="point of the mesh, before displacement"
+        None, min_length=2, max_length=3, description="point of the undeformed mesh"
     )
-    on: str | None = Field(None, description="region or boundary")
+    on: str | None = Field(None, description="region or boundary over which it is taken")
     take: Literal["mean", "max", "min", "integral"] = Field(
-        "mean", description="over the region or boundary"
+        "mean", description="which value over the region or boundary"
     )
 
     @model_validator(mode="after")

@@ -51,9 +51,11 @@ class _Port(OneOf):
 class MountInput(_Port):
     """What drives the mount, one of: a value to ramp to, or a list: a polyline over the stage."""
 
-    displacement: Displacements | None = Field(None, description="prescribed; negative is down")
-    force: Forces | None = Field(None, description="prescribed; negative is down")
-    mass: Masses | None = Field(None, description="suspended: force -m g")
+    displacement: Displacements | None = Field(
+        None, description="prescribed displacement; negative is down"
+    )
+    force: Forces | None = Field(None, description="prescribed force; negative is down")
+    mass: Masses | None = Field(None, description="suspended mass: force -m g")
     spring: Spring | None = Field(None, description="linear spring to a moving anchor")
     bias: tuple[BiasElement, ...] | None = Field(
         None,
@@ -71,22 +73,23 @@ class MountInput(_Port):
 
 
 class TerminalInput(_Port):
-    """What drives the top electrode, one of: a value to ramp to, or a list over the stage."""
+    """What drives a terminal, one of: a value to ramp to, or a list over the stage."""
 
-    voltage: Voltages | None = Field(None, description="prescribed against the bottom electrode")
-    charge: Charges | None = Field(None, description="prescribed")
+    voltage: Voltages | None = Field(None, description="prescribed voltage against ground")
+    charge: Charges | None = Field(None, description="prescribed charge")
 
 
 class ChamberInput(_Port):
     """What drives a chamber, one of: a value to ramp to, or a list over the stage."""
 
-    pressure: Pressures | None = Field(None, description="above that outside")
-    volume: Volumes | None = Field(None, description="displaced since rest")
+    pressure: Pressures | None = Field(None, description="prescribed pressure above that outside")
+    volume: Volumes | None = Field(None, description="prescribed displaced volume, 0 at rest")
     gas: Gas | None = Field(
-        None, description="the pressure follows the volume, and what flows through openings"
+        None,
+        description="enclosed gas: its volume and the flow through openings give the pressure",
     )
     liquid: Liquid | None = Field(
-        None, description="the volume follows what flows through openings"
+        None, description="liquid: the volume follows from the flow through openings"
     )
 
     @property
@@ -99,7 +102,7 @@ class TurnInput(_Port):
     """What turns a rigid mount, one of: a value to ramp to, or a list over the stage."""
 
     rotation: Angles | None = Field(None, description="prescribed component of the rotation vector")
-    moment: Moments | None = Field(None, description="prescribed, about the centre")
+    moment: Moments | None = Field(None, description="prescribed moment about the centre")
 
 
 ELEMENT: TypeAdapter[Element | Gas | Filled] = TypeAdapter(Element | Gas | Filled)
@@ -112,11 +115,11 @@ class Stage(Section):
     stage: Cell = Field(
         min_length=1, description="name; `prestrain` ramps the materials' pre-stretch from 1"
     )
-    duration: Time = Field(1.0, gt=0, description="of one cycle")
+    duration: Time = Field(1.0, gt=0, description="duration of one cycle")
     steps: int = Field(
         1, ge=1, description="equal increments per cycle; halved where Newton's method fails"
     )
-    cycles: int = Field(1, ge=1, description="repetitions")
+    cycles: int = Field(1, ge=1, description="number of cycles")
     mount: MountInput | None = Field(
         None, description="input of the stage; keeps its last value if not given"
     )

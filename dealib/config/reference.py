@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 from pydantic import BaseModel
@@ -127,7 +127,7 @@ def reference() -> str:
 def sections(model: type[BaseModel]) -> Iterator[str]:
     """The lines of all sections of a file, with a table of its keys each."""
     schema = json_schema(model)
-    yield from _section(schema, "", schema.get("$defs", {}), set())
+    yield from _Page(schema.get("$defs", {})).section(schema, "")
 
 
 def _library() -> Iterator[str]:
@@ -152,30 +152,86 @@ def inner(value: Node) -> tuple[Node, str]:
     return value, ""
 
 
-def _section(node: Node, path: str, defs: Node, seen: set[str], tag: str = "") -> Iterator[str]:
-    heading = f"## `{path}`" if path else "## Top level"
-    yield from ("", f"{heading} with {tag}" if tag else heading, "")
-    yield from (node.get("description", ""), "")
-    yield from ("| key | value | default | meaning |", "|---|---|---|---|")
-    below: list[tuple[str, Node]] = []
-    for key, value in node["properties"].items():
-        required = "*needed*" if key in node.get("required", ()) else ""
-        default = f"`{value['default']}`" if value.get("default", "") != "" else required
-        held, on = inner(value)
-        below += [(f"{path}.{key}".lstrip(".") + on, one) for one in _sections(held)]
-        means = meaning(value) or resolve(held, defs).get("description", "")
-        what = {"[]": "list of sections", ".KEY": "sections by key"}.get(on) or kind(value)
-        yield f"| `{key}` | {what} | {default} | {means} |".replace("  ", " ")
-    for name, held in below:
-        tagged = variants(held, defs)
-        by = held.get("discriminator", {}).get("propertyName")
-        for tag, variant in tagged.items():
-            if tag not in seen:
-                yield from _section(variant, name, defs, seen, f"{by} `{tag}`")
-        if tagged and seen.issuperset(tagged):
+class _Page:
+    """Sections of a file, each once.
+
+    Args:
+        defs: Definitions of the schema.
+    """
+
+    def __init__(self, defs: Node) -> None:
+        self._defs, self._seen = defs, set[str]()
+        alike: dict[str, list[str]] = {}
+        for name, node in defs.items():
+            alike.setdefault(node.get("description", name), []).append(name)
+        # definitions of one section for several dimensions, by their reference
+        self._general = {
+            f"#/$defs/{name}": str(defs[name]["title"]).partition(" ")[2]
+            for names in alike.values()
+            if len(names) > 1
+            for name in names
+        }
+
+    def section(
+        self, node: Node, path: str, tag: str = "", without: Collection[str] = ()
+    ) -> Iterator[str]:
+        """Its table, and those of the sections below it.
+
+        Args:
+            node: Its definition.
+            path: Where it stands in the file.
+            tag: What makes it one of several that may stand there.
+            without: Keys that are told elsewhere.
+        """
+        heading = f"## `{path}`" if path else "## Top level"
+        yield from ("", f"{heading} with {tag}" if tag else heading, "")
+        yield from (node.get("description", ""), "")
+        keys = {key: value for key, value in node["properties"].items() if key not in without}
+        yield from self._table(node, keys)
+        for key, value in keys.items():
+            held, on = inner(value)
+            for one in _sections(held):
+                yield from self._below(one, f"{path}.{key}".lstrip(".") + on)
+
+    def _table(self, node: Node, keys: Node, own: str = "") -> Iterator[str]:
+        yield from ("| key | value | default | meaning |", "|---|---|---|---|")
+        for key, value in keys.items():
+            required = "*needed*" if key in node.get("required", ()) else ""
+            default = f"`{value['default']}`" if value.get("default", "") != "" else required
+            held, on = inner(value)
+            means = meaning(value) or resolve(held, self._defs).get("description", "")
+            what = {"[]": "list of sections", ".KEY": "sections by key"}.get(on) or kind(value)
+            for general in {self._general.get(n.get("$ref", "")) for n in _sections(held)} - {None}:
+                what = what.replace("section", f"[{general}](#{general})")
+            what = "as its key" if own and what == own else what
+            yield f"| `{key}` | {what} | {default} | {means} |".replace("  ", " ")
+
+    def _below(self, held: Node, path: str) -> Iterator[str]:
+        tagged = variants(held, self._defs)
+        if tagged:
+            yield from self._variants(tagged, path, held["discriminator"]["propertyName"])
+        elif (general := self._general.get(held["$ref"])) is not None:
+            if general not in self._seen:
+                self._seen.add(general)
+                node = resolve(held, self._defs)
+                own = next((d for d in map(_dimension, node["properties"].values()) if d), "")
+                yield from ("", f"## {general.capitalize()}", "", node["description"], "")
+                yield from self._table(node, node["properties"], own)
+        elif held["$ref"] not in self._seen:
+            self._seen.add(held["$ref"])
+            yield from self.section(resolve(held, self._defs), path)
+
+    def _variants(self, tagged: dict[str, Node], path: str, by: str) -> Iterator[str]:
+        if self._seen.issuperset(tagged):
             keys = "`, `".join(tagged)
-            yield from ("", f"## `{name}`", "", f"Laws and their parameters as above: `{keys}`.")
-        seen.update(tagged)
-        if not tagged and held["$ref"] not in seen:
-            seen.add(held["$ref"])
-            yield from _section(resolve(held, defs), name, defs, seen)
+            yield from ("", f"## `{path}`", "", f"Laws and their parameters as above: `{keys}`.")
+            return
+        first, *others = (variant["properties"] for variant in tagged.values())
+        common = {k: v for k, v in first.items() if others and all(o.get(k) == v for o in others)}
+        for tag, variant in tagged.items():
+            if tag not in self._seen:
+                yield from self.section(variant, path, f"{by} `{tag}`", common)
+        if common:
+            node = {"properties": common, "description": f"Keys that go with each {by}."}
+            yield from self.section(node, path, f"any {by}")
+        self._seen.update(tagged)

@@ -41,18 +41,20 @@ class Config(Section):
     geometry: Geometry = Field(description="shape and dimensions of the device")
     regions: dict[str, str] | None = Field(
         None,
-        description="own mesh: material of each region whose name is not a material",
+        description="for a mesh file: material of each region whose name is not a material",
     )
     mesh: Mesh = Mesh()
-    materials: Materials = Field(min_length=1, description="by region")
+    materials: Materials = Field(
+        min_length=1, description="by name; a region is of the material that has its name"
+    )
     terminals: dict[str, Terminal] | None = Field(
-        None, description="electrodes by name; default those usual for the base"
+        None, description="electrodes by name; default those of the base"
     )
     mounts: dict[str, Mount] | None = Field(
-        None, description="rigid moving parts by name; default those usual for the base"
+        None, description="rigid moving parts by name; default that of the base"
     )
     holds: tuple[Hold, ...] | None = Field(
-        None, description="what does not move; default what is usual for the base"
+        None, description="what does not move; default what the base holds"
     )
     chambers: dict[str, Chamber] | None = Field(None, description="closed spaces by name")
     probes: dict[Name, Probe] | None = Field(
@@ -66,7 +68,9 @@ class Config(Section):
     program: tuple[Stage, ...] = Field(min_length=1)
     stop_when: tuple[Condition, ...] = Field((), description="conditions that end the run")
     output: Output = Output()
-    tables: Tables | None = Field(None, description="for system simulation; see dealib export")
+    tables: Tables | None = Field(
+        None, description="tables for system simulation; see dealib export"
+    )
 
     @property
     def directory(self) -> str:

@@ -19,10 +19,14 @@ class Sensing(Section):
         description="small-signal capacitances and stiffness; costs one more tangent per step",
     )
     sheet_resistance: Resistance | None = Field(
-        None, gt=0, description="of each electrode as mounted, in ohm per square; default none"
+        None,
+        gt=0,
+        description="of each electrode as mounted, in ohm per square; default none",
     )
     area_exponent: float = Field(
-        1.0, ge=0, description="n: it grows as (area ratio)^n; 1: constant volume and resistivity"
+        1.0,
+        ge=0,
+        description="n: the resistance grows as (area ratio)^n; 1: constant volume and resistivity",
     )
     charging: bool = Field(
         False,

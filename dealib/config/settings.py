@@ -55,19 +55,19 @@ class Physics(Section):
     )
     model: Literal["solid", "membrane"] = Field(
         "solid",
-        description="membrane: of laminates, on the middle surface, without bending; the deviation "
-        "is linear in the thickness over the span",
+        description="membrane: laminates only, on the middle surface, without bending; the "
+        "deviation is linear in the thickness over the span",
     )
     wrinkling: Literal["taut", "tension_field"] = Field(
         "taut",
-        description="of membranes; taut: they bear compression; tension_field: they wrinkle finely "
-        "where they would be pressed",
+        description="for membranes; taut: they bear compression; tension_field: they wrinkle "
+        "finely where they would be pressed",
     )
     slack_stiffness: float = Field(
         1e-3,
         gt=0,
         le=0.1,
-        description="of tension fields: share of the shear modulus with which springs hold the "
+        description="for tension fields: share of the shear modulus with which springs hold the "
         "sheet where it was mounted, so that no part of it is without stiffness",
     )
     formulation: Literal["displacement", "mixed"] = Field(
@@ -78,7 +78,7 @@ class Physics(Section):
     air_stiffness: Stress = Field(
         1e-6,
         gt=0,
-        description="fictitious, moves the mesh of the air; results do not depend on it",
+        description="fictitious modulus that moves the mesh of the air, without effect on results",
     )
 
 
@@ -86,7 +86,10 @@ class Solver(Section):
     """Newton's method and increments; the defaults serve all shipped configs."""
 
     tolerance: float = Field(
-        1e-9, gt=0, lt=1e-3, description="on the residual of each field, relative to its scale"
+        1e-9,
+        gt=0,
+        lt=1e-3,
+        description="tolerance on the residual of each field, relative to its scale",
     )
     max_iterations: int = Field(
         12, ge=2, le=1000, description="Newton iterations (tangents) before a cut-back"
@@ -98,9 +101,8 @@ class Solver(Section):
     time_tolerance: float = Field(
         1e-3,
         ge=0,
-        description="on the strain of Maxwell branches in a step, and on the motion of a dynamic "
-        "one over the largest motion of its stage, by which increments are cut; 0: never, steps "
-        "as given",
+        description="increments are cut until the error of a step is below this share: of the "
+        "strain of branches, and of the largest motion of a dynamic stage; 0: steps as given",
     )
     rho: float = Field(
         0.8,
@@ -128,7 +130,7 @@ class Solver(Section):
 class Damping(Section):
     """Rayleigh damping of motion and spectra: forces proportional to velocities."""
 
-    mass: Rate = Field(0.0, ge=0, description="a of the damping a M + b K, such as 5 1/s")
+    mass: Rate = Field(0.0, ge=0, description="a of the damping matrix a M + b K, such as 5 1/s")
     stiffness: Time = Field(
         0.0, ge=0, description="b, such as 10 us; K is the stiffness of each step"
     )
@@ -141,14 +143,16 @@ class Weibull(Section):
         gt=0, description="uniform field at which 63.2 % of films of the given volume fail"
     )
     shape: float = Field(gt=0, le=100, description="Weibull modulus m; larger scatters less")
-    volume: Volume = Field(gt=0, description="that was tested: between the electrodes, undeformed")
+    volume: Volume = Field(
+        gt=0, description="volume that was tested: between the electrodes, undeformed"
+    )
 
 
 class Limits(Section):
     """Limits of the film; the history has the used share of each, 1 being the limit."""
 
     breakdown_strength: ElectricField | None = Field(
-        None, gt=0, description="of the film's material; default none"
+        None, gt=0, description="breakdown strength of the film's material; default none"
     )
     electrode_knockdown: float = Field(
         1.0, gt=0, le=1, description="share of the breakdown strength that real electrodes leave"
@@ -157,7 +161,7 @@ class Limits(Section):
         None, gt=1, description="largest principal stretch of the film, from its unstretched state"
     )
     weibull: Weibull | None = Field(
-        None, description="breakdown by chance: the history then tells failure_probability"
+        None, description="breakdown as a matter of chance: adds the column failure_probability"
     )
 
     @property
@@ -176,7 +180,7 @@ class Limits(Section):
 class Output(Section):
     """Where results go."""
 
-    directory: FilePath | None = Field(None, description="default runs/NAME")
+    directory: FilePath | None = Field(None, description="run directory; default runs/NAME")
     fields: Literal["every", "stage", "none"] = Field(
         "every", description="store fields each step, at the end of each stage, or never"
     )
@@ -193,4 +197,4 @@ class Output(Section):
 class Destination(Section):
     """Where results go."""
 
-    directory: FilePath | None = Field(None, description="default runs/NAME")
+    directory: FilePath | None = Field(None, description="run directory; default runs/NAME")

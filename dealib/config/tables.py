@@ -28,16 +28,16 @@ class Tables(Section):
     """
 
     displacement: tuple[Length, Length] | dict[str, tuple[Length, Length]] | None = Field(
-        None, description="of the mount, or of mounts by name: first and last"
+        None, description="first and last displacement of the mount, or of mounts by name"
     )
     voltage: tuple[Voltage, Voltage] | dict[str, tuple[Voltage, Voltage]] | None = Field(
-        None, description="of the terminal, or of terminals by name: first and last"
+        None, description="first and last voltage of the terminal, or of terminals by name"
     )
     pressure: tuple[Stress, Stress] | dict[str, tuple[Stress, Stress]] | None = Field(
-        None, description="of the chamber, or of chambers by name: first and last"
+        None, description="first and last pressure of the chamber, or of chambers by name"
     )
     rotation: tuple[Angle, Angle] | dict[str, tuple[Angle, Angle]] | None = Field(
-        None, description="of the turn, or of turns by name: first and last"
+        None, description="first and last rotation of the turn, or of turns by name"
     )
     points: tuple[Points, ...] | None = Field(
         None,

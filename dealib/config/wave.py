@@ -1,4 +1,4 @@
-"""Courses over a stage: lists of values, or waves by a formula or a file."""
+"""What a port does over a stage: lists of values, or waveforms by a formula or a file."""
 
 from __future__ import annotations
 
@@ -20,27 +20,29 @@ _KINDS = {  # key that makes it -> keys that go with it
 
 
 class Wave(Section):
-    """A course by a formula in the time t of the stage, or by a file.
+    """A waveform: a formula in the time t of the stage, or a file.
 
     Such as `{mean: 2 kV, amplitude: 200 V, frequency: 100 Hz}`, `{to: 2 kV, rise: 1 ms}` or
-    `{file: drive.csv}`. A course that does not begin where the port is comes from there in the
-    stage's first step.
+    `{file: drive.csv}`. If it does not begin at the present value of the port, the port goes to
+    its beginning in the first step of the stage.
     """
 
-    mean: float | None = Field(None, description="of a sine; default 0")
-    amplitude: float | None = Field(None, description="of a sine")
-    frequency: Frequency | None = Field(None, gt=0, description="of a sine: mean + amplitude sin")
-    phase: Angle | None = Field(None, description="of a sine, at the start; default 0")
-    to: float | None = Field(None, description="of a step from where the port is")
+    mean: float | None = Field(None, description="sine: mean value; default 0")
+    amplitude: float | None = Field(None, description="sine: amplitude")
+    frequency: Frequency | None = Field(
+        None, gt=0, description="sine: mean + amplitude sin(2 pi frequency t + phase)"
+    )
+    phase: Angle | None = Field(None, description="sine: phase at the start; default 0")
+    to: float | None = Field(None, description="step: final value, from where the port is")
     rise: Time | None = Field(
-        None, gt=0, description="of a step, or of an amplitude: it takes so long, without a kink"
+        None, gt=0, description="time over which a step or an amplitude rises, smoothly"
     )
     time_constant: Time | None = Field(
-        None, gt=0, description="of a step: what is left falls as exp(-t / time constant)"
+        None, gt=0, description="step: the rest decays as exp(-t / time_constant)"
     )
     file: FilePath | None = Field(
         None,
-        description="measured: with headers such as 'time [ms], voltage [V]'; it stays at the end",
+        description="measured, with headers such as 'time [ms], voltage [V]'; its last value stays",
     )
 
     @model_validator(mode="after")

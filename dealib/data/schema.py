@@ -21,14 +21,16 @@ else:
 class Format(Section):
     """What a data file does not tell by itself."""
 
-    encoding: str | None = Field(None, description="such as utf-8 or cp1252; default told by bytes")
+    encoding: str | None = Field(
+        None, description="such as utf-8 or cp1252; default: recognised from the bytes"
+    )
     delimiter: str | None = Field(
-        None, min_length=1, max_length=1, description="between columns; ' ' for any blanks"
+        None, min_length=1, max_length=1, description="separator of columns; ' ' for any blanks"
     )
     decimal: Literal[".", ","] | None = Field(
         None, description="the decimal mark; the other one then parts thousands"
     )
-    sheet: str | None = Field(None, description="of a spreadsheet, or variable of a MAT file")
+    sheet: str | None = Field(None, description="sheet of a spreadsheet, or variable of a MAT file")
     table: int | None = Field(
         None, ge=1, description="number of the table, where there are several"
     )
@@ -44,9 +46,9 @@ class Preparation(Section):
     smooth: int | None = Field(
         None, ge=3, description="rows of the window of a Savitzky-Golay filter of second order"
     )
-    sign: Literal[1, -1] = Field(1, description="-1: counted the other way round")
-    factor: float = Field(1.0, description="multiplies the values")
-    offset: Amount | None = Field(None, description="is added, such as '-0.1 N'")
+    sign: Literal[1, -1] = Field(1, description="-1 turns the sign of the values")
+    factor: float = Field(1.0, description="factor on the values")
+    offset: Amount | None = Field(None, description="added to the values, such as '-0.1 N'")
     zero: Literal["start"] | int | None = Field(
         None, description="start: the first value is 0; a number: the mean of so many first rows is"
     )

@@ -32,9 +32,9 @@ else:
 
 
 class Variable(Spread):
-    """A number of the config within bounds, one that scatters, or a choice.
+    """A number of the config: within bounds, with a distribution, or a choice.
 
-    `{mean, deviation}` is a normal distribution, `{min, max}` are bounds and a uniform one.
+    `{mean, deviation}` is a normal distribution, `{min, max}` a uniform one or bounds.
     """
 
     start: Amount | None = Field(
@@ -101,21 +101,32 @@ class Sampling(Section):
     """Where the config is solved for `dealib uncertainty`."""
 
     samples: Literal[16, 32, 64, 128, 256, 512, 1024, 2048, 4096] = Field(
-        128, description="cases; more of them begin with the same ones"
+        128, description="number of cases; a larger sample begins with the smaller one"
     )
-    seed: int = Field(0, ge=0, description="of the quasi-random points")
-    quantiles: tuple[Share, ...] = Field((0.05, 0.5, 0.95), description="that are told")
+    seed: int = Field(0, ge=0, description="seed of the quasi-random points")
+    quantiles: tuple[Share, ...] = Field(
+        (0.05, 0.5, 0.95), description="quantiles that are reported"
+    )
 
 
 class Search(Section):
-    """How an optimum is looked for."""
+    """How an optimum is searched for."""
 
-    starts: int = Field(3, ge=1, le=1000, description="starts: the given one, others in the bounds")
-    evaluations: int = Field(40, ge=1, description="most evaluations of a start, or front point")
-    front: int = Field(9, ge=3, le=200, description="points of the front of two objectives")
-    tolerance: float = Field(1e-4, gt=0, lt=0.1, description="relative, on the objective")
+    starts: int = Field(
+        3,
+        ge=1,
+        le=1000,
+        description="number of starts: the given one, and others within the bounds",
+    )
+    evaluations: int = Field(
+        40, ge=1, description="largest number of evaluations for a start or a point of the front"
+    )
+    front: int = Field(
+        9, ge=3, le=200, description="number of points of the front of two objectives"
+    )
+    tolerance: float = Field(1e-4, gt=0, lt=0.1, description="relative tolerance on the objective")
     margin: float = Field(
-        1e-5, ge=0, lt=0.1, description="how far inside each limit it aims, of the limit"
+        1e-5, ge=0, lt=0.1, description="relative distance that it keeps from each limit"
     )
 
 
@@ -140,7 +151,9 @@ class Design(Section):
         description="auto: the membrane if it is near the solid, which then has the last word",
     )
     search: Search = Search()
-    correlations: tuple[Correlation, ...] = Field((), description="of variables that scatter")
+    correlations: tuple[Correlation, ...] = Field(
+        (), description="correlations of variables that scatter"
+    )
     breakdown: Weibull | None = Field(
         None, description="sets limits.weibull: the history then tells failure_probability"
     )

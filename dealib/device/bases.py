@@ -120,7 +120,7 @@ class Annulus(Base):
 
     kind: Literal["annulus"]
     inner_radius: Length = Field(gt=0, description="radius of the inner end")
-    outer_radius: Length = Field(gt=0, description="where it ends")
+    outer_radius: Length = Field(gt=0, description="radius of the outer end")
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -155,14 +155,14 @@ def check_thickness(thickness: float, length: float, what: str, *where: str | in
 
 
 class Disc(Base):
-    """Full disc; its axis is found by itself."""
+    """Full disc; nothing has to be said of its axis of symmetry."""
 
     ends: ClassVar[tuple[str | None, ...]] = (None, "outer")
     holds: ClassVar[tuple[Held, ...]] = (("outer", ("R", "Z")),)
     mirrors: ClassVar[str] = "XY"
 
     kind: Literal["disc"]
-    radius: Length = Field(gt=0, description="where it ends")
+    radius: Length = Field(gt=0, description="radius of the edge")
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -187,7 +187,7 @@ class Tube(Base):
 
     kind: Literal["tube"]
     inner_radius: Length = Field(gt=0, description="radius of the bore")
-    length: Length = Field(gt=0, description="from Z = 0")
+    length: Length = Field(gt=0, description="length along the axis, from Z = 0")
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -218,8 +218,8 @@ class Strip(Base):
     mirrors: ClassVar[str] = "Y"
 
     kind: Literal["strip"]
-    length: Length = Field(gt=0, description="along X")
-    width: Length = Field(gt=0, description="out of the plane, along Y")
+    length: Length = Field(gt=0, description="length along X, from X = 0")
+    width: Length = Field(gt=0, description="width along Y, out of the plane")
 
     @property
     def kinematics(self) -> Kinematics:
@@ -261,8 +261,8 @@ class Rectangle(Base):
     mirrors: ClassVar[str] = "XY"
 
     kind: Literal["rectangle"]
-    length: Length = Field(gt=0, description="along X, from -length/2")
-    width: Length = Field(gt=0, description="along Y, from -width/2")
+    length: Length = Field(gt=0, description="length along X, from -length/2 to length/2")
+    width: Length = Field(gt=0, description="width along Y, from -width/2 to width/2")
 
     @property
     def kinematics(self) -> Kinematics:

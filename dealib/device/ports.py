@@ -54,9 +54,9 @@ class Mount(Section):
         None,
         min_length=2,
         max_length=3,
-        description="of a rigid mount, in the mesh; default the middle of the box around it",
+        description="centre of a rigid mount in the mesh; default the middle of the box around it",
     )
-    mass: Mass = Field(0.0, ge=0, description="of the rigid part, for motion in time")
+    mass: Mass = Field(0.0, ge=0, description="mass of the rigid part, for motion in time")
     free: Some = Field((), description="axes along which the body may slide")
 
     @model_validator(mode="after")
@@ -73,15 +73,15 @@ class Mount(Section):
 class Hold(Section):
     """A part that does not move along some axes."""
 
-    on: Names = Field(description="regions and boundaries")
-    fix: Names = Field(description="axes, such as [R, Z]")
+    on: Names = Field(description="regions and boundaries that are held")
+    fix: Names = Field(description="axes along which they do not move, such as [R, Z]")
 
 
 class Opening(Section):
     """Where a chamber's gas or liquid flows in and out: an orifice, or a narrow channel."""
 
-    diameter: Length | None = Field(None, gt=0, description="of an orifice")
-    discharge: float = Field(0.6, gt=0, le=1, description="coefficient of an orifice")
+    diameter: Length | None = Field(None, gt=0, description="diameter of an orifice")
+    discharge: float = Field(0.6, gt=0, le=1, description="discharge coefficient of an orifice")
     conductance: FlowConductance | None = Field(
         None, gt=0, description="flow through a channel per pressure, such as 10 mm^3/s/kPa"
     )

@@ -28,7 +28,9 @@ class Clamps(Section):
 
     width: Length = Field(gt=0, description="radial width of each block")
     height: Length = Field(gt=0, description="height above and below the middle plane")
-    relative_permittivity: float = Field(3.0, ge=1, description="of the blocks")
+    relative_permittivity: float = Field(
+        3.0, ge=1, description="relative permittivity of the blocks"
+    )
 
 
 class AnnularStrips(Section):
@@ -37,14 +39,14 @@ class AnnularStrips(Section):
     shape: Literal["annular_strips"] = "annular_strips"
     inner_radius: Length = Field(gt=0, description="radius of the rigid centre mount")
     outer_radius: Length = Field(gt=0, description="inner radius of the rigid frame")
-    film_thickness: Length = Field(gt=0, description="as mounted, that is pre-stretched")
+    film_thickness: Length = Field(gt=0, description="thickness as mounted, that is pre-stretched")
     electrode_thickness: Length = Field(
         ge=0, description="0 um: no electrode bodies, the film's faces are the electrodes"
     )
     air_height: Length = Field(
         0.0, ge=0, description="air above and below, from the middle plane; 0 mm: no air"
     )
-    clamps: Clamps | None = Field(None, description="rigid mount and frame blocks")
+    clamps: Clamps | None = Field(None, description="rigid blocks: the mount and the frame")
 
     def laminate(self, conducts: Conducts) -> Laminate:
         """The laminate that it is short for."""
@@ -104,8 +106,10 @@ class Within(Section):
     X: Span | None = Field(None, description="the same")
     Y: Span | None = Field(None, description="the same, across it")
     Z: Span | None = Field(None, description="the same, of a tube")
-    centre: tuple[Length, Length] | None = Field(None, description="of a circle; default 0, 0")
-    radius: Length | None = Field(None, gt=0, description="of a circle on a rectangle")
+    centre: tuple[Length, Length] | None = Field(
+        None, description="centre of a circle; default 0, 0"
+    )
+    radius: Length | None = Field(None, gt=0, description="radius of a circle on a rectangle")
 
     def part(self, base: Base, solid: bool, where: Path_) -> Part:
         """The part of a base.
@@ -159,11 +163,16 @@ else:
 class LayerSection(Section):
     """One layer."""
 
-    name: str = Field(pattern=r"^[A-Za-z_][\w-]*$", description="of its region")
-    thickness: Length = Field(gt=0, description="as mounted, that is pre-stretched")
+    name: str = Field(
+        pattern=r"^[A-Za-z_][\w-]*$", description="name of the layer; its region is called the same"
+    )
+    thickness: Length = Field(gt=0, description="thickness as mounted, that is pre-stretched")
     material: str | None = Field(None, description="key of `materials`; default: its name")
     rows: int | None = Field(
-        None, ge=1, le=1000, description="cells across; default mesh.film_rows or electrode_rows"
+        None,
+        ge=1,
+        le=1000,
+        description="cells through the thickness; default mesh.film_rows or electrode_rows",
     )
     within: Covered | None = Field(
         None, description="part of the base that it covers, such as [from, to]; default all of it"
@@ -173,8 +182,10 @@ class LayerSection(Section):
 class Repeat(Section):
     """The same layers again and again; their names get .1, .2 and so on."""
 
-    repeat: int = Field(ge=1, le=1000, description="how often")
-    layers: tuple[LayerSection, ...] = Field(min_length=1, description="from the bottom up")
+    repeat: int = Field(ge=1, le=1000, description="number of repetitions")
+    layers: tuple[LayerSection, ...] = Field(
+        min_length=1, description="layers of one repetition, from the bottom up"
+    )
 
 
 def _form(given: object) -> str:
@@ -204,16 +215,17 @@ class LaminateShape(Section):
 
     shape: Literal["laminate"]
     base: AnyBase = Field(description="shape that the layers lie on")
-    layers: tuple[AnyLayer, ...] = Field(min_length=1, description="from the bottom")
+    layers: tuple[AnyLayer, ...] = Field(min_length=1, description="layers from the bottom up")
     air_height: Length = Field(
         0.0, ge=0, description="air on both sides, from the middle of the layers; 0 mm: no air"
     )
 
     space: Literal["3d"] | None = Field(
-        None, description="3d: solve a flat base in three dimensions; default its own space"
+        None,
+        description="3d: solve a flat base in three dimensions; default: the space of the base",
     )
     symmetry: tuple[Literal["X", "Y"], ...] = Field(
-        (), description="in three dimensions: axes across which it is cut in half"
+        (), description="in three dimensions: axes across which only one half is modelled"
     )
 
     @property
@@ -283,9 +295,11 @@ class MeshShape(Section):
 
     shape: Literal["mesh"]
     file: str = Field(description="Gmsh file, relative to the config")
-    space: Literal["axisymmetric", "plane_strain", "3d"] = Field(description="what the mesh is")
-    unit: str = Field("mm", description="of the file's coordinates")
-    width: Length | None = Field(None, gt=0, description="of plane strain, along Y")
+    space: Literal["axisymmetric", "plane_strain", "3d"] = Field(
+        description="space in which the mesh lies"
+    )
+    unit: str = Field("mm", description="unit of the file's coordinates")
+    width: Length | None = Field(None, gt=0, description="width along Y, in plane strain")
 
     @property
     def kinematics(self) -> Kinematics:

@@ -19,14 +19,16 @@ class Branch(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    shear_modulus: Stress = Field(gt=0, description="added to that of the law under fast loading")
+    shear_modulus: Stress = Field(
+        gt=0, description="shear modulus that the branch adds under fast loading"
+    )
     relaxation_time: Time = Field(
         gt=0, description="relaxation time of the stress at constant, small strain"
     )
     evolution: Literal["multiplicative", "network"] = Field(
         "multiplicative",
-        description="of its internal metric at large strain; multiplicative: it keeps its "
-        "determinant; network: a transient network, linear, as in published branches of VHB",
+        description="evolution of its internal metric at large strain; multiplicative: it keeps "
+        "its determinant; network: a transient network, linear, as in published branches of VHB",
     )
 
 

@@ -17,7 +17,7 @@ class StretchPermittivity(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     intercept: float = Field(description="relative permittivity extrapolated to the stretch 0")
-    slope: float = Field(description="change of it a unit of stretch; negative in most films")
+    slope: float = Field(description="its change per unit of stretch; negative for most films")
 
     def at(self, stretch: Any) -> Any:
         """Relative permittivity at a stretch."""

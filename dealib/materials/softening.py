@@ -29,8 +29,10 @@ class Mullins(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    r: float = Field(ge=1, description="the stress falls at most to 1 - 1/r of that of the law")
-    m: Stress = Field(gt=0, description="energy density at which softening begins (MPa = mJ/mm3)")
+    r: float = Field(ge=1, description="r: the stress falls at most to 1 - 1/r of that of the law")
+    m: Stress = Field(
+        gt=0, description="m: energy density at which softening sets in (MPa = mJ/mm3)"
+    )
 
 
 class PermanentSet(BaseModel):
@@ -44,7 +46,7 @@ class PermanentSet(BaseModel):
 
     evolution: ClassVar[Literal["network"]] = "network"
 
-    shear_modulus: Stress = Field(gt=0, description="of the network that re-forms")
+    shear_modulus: Stress = Field(gt=0, description="shear modulus of the network that re-forms")
     energy: Stress = Field(
         gt=0, description="growth of W_max over which the network re-forms (mJ/mm3)"
     )

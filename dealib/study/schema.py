@@ -27,21 +27,22 @@ class MaterialTest(Section):
         description="a law and its parameters, as one of `materials` of a config"
     )
     mode: Literal["uniaxial", "equal-biaxial", "pure shear"] = Field(
-        "uniaxial", description="also the name of its one stage"
+        "uniaxial", description="mode of loading; also the name of the only stage"
     )
-    stretch: tuple[Above0, Above0] = Field((1.0, 2.0), description="first and last")
-    points: int = Field(61, ge=2, le=100_000, description="equal steps from first to last")
+    stretch: tuple[Above0, Above0] = Field((1.0, 2.0), description="first and last stretch")
+    points: int = Field(61, ge=2, le=100_000, description="number of stretches, equally spaced")
 
 
 class Axis(Section):
     """One axis of a picture."""
 
-    value: str = Field(description="expression")
-    label: str = Field(min_length=1, description="with its unit")
+    value: str = Field(description="expression that is drawn")
+    label: str = Field(min_length=1, description="label of the axis, with its unit")
     limits: Limits | None = Field(
-        None, description="range of the reference's axis; of falling ends, drawn from the first on"
+        None,
+        description="range of the axis, and of what is compared; a falling range is drawn reversed",
     )
-    scale: Literal["linear", "log"] = Field("linear", description="of the axis")
+    scale: Literal["linear", "log"] = Field("linear", description="scale of the axis")
 
     @model_validator(mode="after")
     def _logarithmic(self) -> Axis:
@@ -53,9 +54,11 @@ class Axis(Section):
 class Reference(Section):
     """Points or a line to compare with."""
 
-    label: str = Field(description="in the legend")
+    label: str = Field(description="name in the legend")
     x: tuple[float, ...] = Field(min_length=1, description="values in the unit of the axis")
-    y: tuple[float, ...] = Field(min_length=1, description="as many, likewise")
+    y: tuple[float, ...] = Field(
+        min_length=1, description="as many values, in the unit of the axis"
+    )
     style: Literal["line", "points"] = Field("points", description="how it is drawn")
 
     @model_validator(mode="after")
@@ -66,7 +69,7 @@ class Reference(Section):
 
 
 class _Panel(Section):
-    title: str = Field("", description="above the panel")
+    title: str = Field("", description="title above the panel")
     where: Where = Field({}, description=_WHERE)
 
 
@@ -76,7 +79,9 @@ class Curves(_Panel):
     kind: Literal["curves"]
     x: Axis
     y: Axis
-    label: str | None = Field(None, description="of a curve, such as '{law}'; default the case's")
+    label: str | None = Field(
+        None, description="label of a curve, such as '{law}'; default that of the case"
+    )
     references: tuple[Reference, ...] = Field((), description="what to compare with")
 
 
@@ -98,11 +103,11 @@ class Contour(_Panel):
 
     kind: Literal["contour"]
     field: str = Field(description="such as S_RR, S_ZZ, E, phi")
-    label: str = Field(min_length=1, description="of the colours, with its unit")
-    stage: str = Field(description="at the end of this stage")
-    factor: float = Field(1.0, description="from the internal unit to the label's")
+    label: str = Field(min_length=1, description="label of the colour bar, with its unit")
+    stage: str = Field(description="stage at whose end it is drawn")
+    factor: float = Field(1.0, description="factor from the internal unit to that of the label")
     limits: Limits | None = Field(
-        None, description="of the colours; default all but 0.6 % of the area"
+        None, description="range of the colours; default all but 0.6 % of the area"
     )
     zoom: Length = Field(0.25, gt=0, description="length shown at each end")
 
@@ -117,21 +122,23 @@ class Shapes(_Panel):
     """Deformed layers of one case at several times, true to scale: in space a view each."""
 
     kind: Literal["shapes"]
-    times: tuple[Time, ...] = Field(min_length=1, description="the nearest stored states are shown")
+    times: tuple[Time, ...] = Field(
+        min_length=1, description="times; the nearest stored states are drawn"
+    )
 
 
 Panel = Annotated[Curves | Points | Contour | Shapes, Field(discriminator="kind")]
 
 
 class Window(Section):
-    """A range in which a number is said, or expected, to lie."""
+    """A range in which a number is expected."""
 
     name: Cell = Field(min_length=1, description="what is compared")
     value: str = Field(description="expression over the quantities of all cases")
     low: float | None = Field(None, description="smallest value; give low, high or both")
     high: float | None = Field(None, description="largest value")
-    unit: Cell = Field("", description="in which all three are told")
-    source: Cell = Field("", description="who says so")
+    unit: Cell = Field("", description="unit of value, low and high")
+    source: Cell = Field("", description="where the range comes from")
     where: Where = Field({}, description=_WHERE)
 
     @model_validator(mode="after")
@@ -160,11 +167,11 @@ class Study(Section):
         description="axes, multiplied with each other; an axis is either {key: list, ...}, lists "
         "in step with each other, or {label: {key: value, ...}, ...}; the key `base` is a config",
     )
-    label: str | None = Field(None, description="of a case, such as '{law}, {modulus}'")
+    label: str | None = Field(None, description="label of a case, such as '{law}, {modulus}'")
     quantities: dict[str, str] = Field({}, description="name: expression, one number a case")
     panels: tuple[Panel, ...] = Field((), description="pictures")
     columns: int = Field(2, ge=1, le=4, description="panels beside each other")
-    windows: tuple[Window, ...] = Field((), description="what is expected of numbers")
+    windows: tuple[Window, ...] = Field((), description="ranges in which numbers are expected")
     comparison: str = Field(
         "", description="one sentence; {expression:format} is replaced by its value"
     )
