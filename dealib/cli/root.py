@@ -12,7 +12,7 @@ from dealib.log import to_terminal
 
 app = typer.Typer(
     name="dealib",
-    help="Dielectric elastomer actuators: electro-elastic finite elements from a YAML file.",
+    help="Simulate dielectric elastomer devices with finite elements, from a YAML file.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
