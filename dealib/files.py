@@ -70,3 +70,26 @@ def write_bytes(path: Path, data: Any, durable: bool = False) -> None:
 def write_text(path: Path, text: str) -> None:
     """Write a text, whole or not at all (see `whole`)."""
     write_bytes(path, text.encode())
+
+
+def write_new(path: Path, text: str) -> bool:
+    """Write a text to a file that is not there yet: one that is there stays as it is.
+
+    Returns:
+        Whether it was written.
+
+    Raises:
+        PlatformError: If the disk refuses; there is no file then.
+    """
+    with guarded(path):
+        try:
+            file = path.open("x", encoding="utf-8")
+        except FileExistsError:
+            return False
+        try:
+            with file:
+                file.write(text)
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+    return True

@@ -24,20 +24,18 @@ compat.form(ufl.TestFunction(V) * ufl.dx)
 
 
 def compile_in(cache):
-    """Compile a small form in a process of its own; returns the process and the seconds."""
-    begin = time.monotonic()
-    job = subprocess.run(
+    """Compile a small form in a process of its own, which ends before it gives up on a mark."""
+    return subprocess.run(
         [sys.executable, "-c", CODE],
         env=os.environ | {"XDG_CACHE_HOME": str(cache)},
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=300,  # FFCx waits 600 s for whoever has left a mark
     )
-    return job, time.monotonic() - begin
 
 
 def test_stale_marks_are_removed_and_live_ones_waited_for(tmp_path):
-    job, _ = compile_in(tmp_path)
+    job = compile_in(tmp_path)
     assert job.returncode == 0, job.stderr
     assert said(job.stderr) == ""
     (folder,) = (tmp_path / "fenics" / "dealib").iterdir()  # of this dolfinx
@@ -49,11 +47,10 @@ def test_stale_marks_are_removed_and_live_ones_waited_for(tmp_path):
         built.unlink()
     source = ready.with_suffix("")
     source.write_text("half a fi")
-    job, seconds = compile_in(tmp_path)
+    job = compile_in(tmp_path)
     assert job.returncode == 0, job.stderr
     assert ready.exists()
     assert source.read_text() != "half a fi"
-    assert seconds < 30
 
     # another process that compiles is waited for, and its mark is left alone meanwhile
     ready.unlink()
@@ -68,7 +65,7 @@ def test_stale_marks_are_removed_and_live_ones_waited_for(tmp_path):
         assert waiting.poll() is None
         assert source.exists()
         ready.write_text("")  # it has finished
-    assert waiting.wait(60) == 0
+    assert waiting.wait(300) == 0
 
 
 @pytest.mark.slow
@@ -94,5 +91,5 @@ def test_killed_while_compiling(tmp_path, seconds):
 
 def test_a_cache_that_cannot_be_written_is_explained(tmp_path):
     (tmp_path / "fenics").write_text("a file, no folder")
-    job, _ = compile_in(tmp_path)
+    job = compile_in(tmp_path)
     assert "PlatformError: cannot compile into" in job.stderr

@@ -254,7 +254,7 @@ main()
 def test_a_signal_in_the_first_second_is_answered(folder, name, module, sent):
     code = DURING_IMPORT.format(module=module, sent=sent)
     job = start(folder, COMMANDS[name], code)
-    _, errors = job.communicate(timeout=120)
+    _, errors = job.communicate(timeout=300)
     assert job.returncode == 128 + getattr(signal, sent)
     assert re.fullmatch(rf"dealib: stopped by {sent}.*\n", errors)
     assert not list(folder.rglob("*.tmp*"))
@@ -270,7 +270,7 @@ main()
 """
     for arguments in (["mesh", SMALL], ["run", SMALL]):
         job = start(folder, arguments, code)
-        _, errors = job.communicate(timeout=120)
+        _, errors = job.communicate(timeout=300)
         assert job.returncode == 143
         assert errors.startswith("dealib: stopped by SIGTERM")
 
@@ -284,7 +284,7 @@ def test_sigterm_while_cases_are_solved(folder, name):
         if line.startswith(began):
             job.send_signal(signal.SIGTERM)
             break
-    _, errors = job.communicate(timeout=120)
+    _, errors = job.communicate(timeout=300)
     assert job.returncode == 143, errors
     assert "Traceback" not in errors
     assert "\ndealib: stopped by SIGTERM" in f"\n{errors}"

@@ -56,6 +56,18 @@ def test_an_earlier_file_outlives_what_fails(tmp_path):
     assert {p.name: p.read_text() for p in tmp_path.iterdir()} == {"a.txt": "before"}
 
 
+def test_a_new_file_takes_no_name_that_is_used(tmp_path):
+    path = tmp_path / "a.txt"
+    assert files.write_new(path, "first")
+    assert not files.write_new(path, "second")
+    assert path.read_text() == "first"
+    with pytest.raises(PlatformError, match=r"cannot write .*nowhere/a\.txt: No such file"):
+        files.write_new(tmp_path / "nowhere" / "a.txt", "text")
+    with pytest.raises(UnicodeEncodeError):
+        files.write_new(tmp_path / "b.txt", "half \ud800")
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
 LIMITED = """
 import resource, sys
 limit = int(sys.argv.pop(1))

@@ -315,14 +315,14 @@ def test_the_estimate_knows_what_a_run_takes(strip_run):
 
 
 def test_what_takes_long_is_told_once(monkeypatch, capsys):
-    monkeypatch.setattr("dealib.patience._MOMENT", 0.05)
+    monkeypatch.setattr("dealib.patience._MOMENT", 0.4)
     to_terminal(False)
     for _ in range(4):  # longer than a moment only together
         with patience("waiting for a test"):
-            time.sleep(0.03)
+            time.sleep(0.15)
     with patience("something short"):
         pass
-    time.sleep(0.1)
+    time.sleep(0.5)
     assert set(capsys.readouterr().out.splitlines()) == {"dealib: waiting for a test ..."}
 
 

@@ -169,7 +169,7 @@ def test_interrupted_it_goes_on(tmp_path):
     first = job.stdout.readline()
     time.sleep(0.1)
     job.send_signal(signal.SIGINT)
-    _, said = job.communicate(timeout=60)
+    _, said = job.communicate(timeout=300)
     assert first.startswith("   1  solid     stroke = ")
     assert job.returncode == 130
     assert "which are kept in out/evaluations; the same command goes on" in said

@@ -512,7 +512,7 @@ def test_an_interruption_keeps_what_is_solved(tmp_path):
         if line.startswith("3/17"):
             job.send_signal(signal.SIGINT)
             break
-    rest = job.communicate(timeout=60)[0]
+    rest = job.communicate(timeout=300)[0]
     assert job.returncode == 130
     kept = len(list(cache.glob("*.json")))
     assert 3 <= kept < 17

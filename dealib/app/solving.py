@@ -18,7 +18,7 @@ from dealib.config.case import Case, resolved
 from dealib.config.schema import Config
 from dealib.design.keys import Key, changed, keys, moved
 from dealib.errors import ConfigError, DealibError, first_line
-from dealib.files import guarded
+from dealib.files import write_new
 from dealib.plots.labels import split
 from dealib.program import Simulation
 from dealib.program.margins import table
@@ -139,14 +139,14 @@ class Session:
 
     def save(self, values: Values) -> Path:
         """Write the config of a position into the present folder, under a name of its own."""
-        config, k = self.config(values), 1
-        while (path := Path(f"{config.name}-app-{k}.yaml")).exists():
+        config, k = self.config(values), 0
+        while True:
             k += 1
-        output = config.output.model_copy(update={"directory": f"runs/{path.stem}"})
-        text = resolved(config.model_copy(update={"output": output}))
-        with guarded(path), path.open("x", encoding="utf-8") as file:
-            file.write(f"# as the sliders of dealib app stood; {self._model}\n{text}")
-        return path
+            path = Path(f"{config.name}-app-{k}.yaml")
+            output = config.output.model_copy(update={"directory": f"runs/{path.stem}"})
+            text = resolved(config.model_copy(update={"output": output}))
+            if write_new(path, f"# as the sliders of dealib app stood; {self._model}\n{text}"):
+                return path
 
     def ask(self, level: int, values: Values) -> Answer | None:
         """Wait for an answer; None once another position is asked for, or if it is none."""
