@@ -107,6 +107,8 @@ class System:
         tangents: Number of tangents that have been assembled.
     """
 
+    values: dict[str, float]
+
     def __init__(self, problem: Problem, timings: Timings) -> None:
         self.problem, self.map = problem, problem.constraints
         self.charging = Charging(problem) if problem.charging else None
@@ -128,9 +130,9 @@ class System:
         self._columns = self.map.lgmap(self.map.columns)
         self._rows = [self.map.lgmap(rows) for _, _, rows in self._parts]
         with timings("matrix"):
-            self.values = {port: 0.1 * (k + 3) for k, port in enumerate(self.values)}  # generic
+            self.values = {port: 0.1 * (k + 3) for k, port in enumerate(self.map.ports)}  # generic
             self.matrix = create_matrix(problem, self._pattern)
-            self.values = dict.fromkeys(self.values, 0.0)
+            self.values = dict.fromkeys(self.map.ports, 0.0)
 
     def restart(self, timings: Timings) -> None:
         """Start from zero, with the equations that there are and the numbers of the problem."""
