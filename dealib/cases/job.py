@@ -77,7 +77,10 @@ class Ended:
 
 
 def run(job: Job, report: Report | None = None) -> Ended:
-    """Solve a case; never raises, except for what is to stop the worker."""
+    """Solve a case; never raises, except for what is to stop the worker.
+
+    The process keeps the solver for the next one.
+    """
     begin = time.perf_counter()
     status, error, code = "done", "", 0
     try:
@@ -99,6 +102,12 @@ def _solve(job: Job, report: Report | None) -> None:
     from dealib.program import simulate
     from dealib.results.info import INFO
 
+    global _reuse
+    if _reuse is None:
+        from dealib.fem.reuse import Reuse
+
+        _reuse = Reuse()
+
     if not (job.directory / INFO).is_file():  # a rest, which `simulate` would not overwrite
         shutil.rmtree(job.directory, ignore_errors=True)
     case = load(job.base, job.overrides)
@@ -106,13 +115,16 @@ def _solve(job: Job, report: Report | None) -> None:
     if job.watch is not None:
         observers.append(job.watch(job.directory))
     done: Any = {"overwrite": True, "resumable": False, "observers": observers}
-    done["comm"] = MPI.COMM_SELF
+    done |= {"comm": MPI.COMM_SELF, "reuse": _reuse}
     if job.spectrum is None:
         simulate(case, job.directory, **done)
         return
     from dealib.program.response import solve_spectrum
 
     solve_spectrum(case, job.directory, *job.spectrum, **done)
+
+
+_reuse: Any = None  # the process's own, once it is needed: dolfinx is imported for it
 
 
 class _Reporter:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 import json
 from collections.abc import Iterable, Iterator, Mapping
@@ -154,7 +155,14 @@ def read(path: Path) -> Config:
 
 def resolved(config: Config) -> str:
     """The config with all defaults, as YAML that reads back as the same config."""
-    return yaml_text(_listed(config.model_dump(exclude_none=True)))
+    sections = _listed(config.model_dump(exclude_none=True)).items()
+    return "".join(_section(json.dumps({name: section})) for name, section in sections)
+
+
+@functools.lru_cache(maxsize=64)
+def _section(text: str) -> str:
+    """A section in JSON as YAML; of the cases of a sweep most are the same."""
+    return yaml_text(json.loads(text))
 
 
 def commented(path: Path, changes: Iterable[str]) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer, model_validator
@@ -56,6 +56,12 @@ def partner(name: str) -> str:
     stem, dot, port = name.partition(".")
     one, other = (v.name for v in KIND_OF[stem].variables)
     return (other if stem == one else one) + dot + port
+
+
+def crossed(program: Iterable[Any]) -> bool:
+    """Whether a branch is followed in variables of two ports, which leaves no symmetric tangent."""
+    pairs = [stage.follow.pair for stage in program if stage.follow is not None]
+    return any(partner(vary) != along for vary, along in pairs)
 
 
 class Follow(Section):

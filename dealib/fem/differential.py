@@ -18,7 +18,8 @@ from dealib.fem.newton import Newton
 from dealib.fem.problem import Problem
 from dealib.fem.system import PortLaw
 
-_CORRECTIONS, _ENOUGH = 20, 1e-5  # of a test potential, at most; and its last one, of its size
+_CORRECTIONS = 20  # of a test potential, at most
+_ENOUGH = 1e-12  # error of its energy
 Array = npt.NDArray[np.float64]
 
 _SMALL = 1e-4  # change of a port, of its size
@@ -158,23 +159,33 @@ def capacitance(newton: Newton, port: str) -> float:
     q, right = system.q, system.q.duplicate()
     at_once = nullcontext() if system.charging is None else system.charging.at_once()
     with system.elsewhere(), at_once:
-        near = newton.factored and system.charging is None
-        trial, found = _test_potential(newton, port) if near else (q, False)
-        if not found:  # the tangent at hand is that of a state too far away
+        charge: float | None = None
+        if newton.factored and system.charging is None:
+            charge, _ = _test_charge(newton, port)
+        if charge is None:  # the tangent at hand is that of a state too far away
             system.residual(q, right)
             newton.assemble()
-            trial, _ = _test_potential(newton, port)
-        system.expand(trial)
-        energy = problem.integrate("electric")
+            charge, trial = _test_charge(newton, port, needed=True)
+            if system.charging is not None:  # the residual is not of the field's energy alone
+                system.expand(trial)
+                charge = -2 * problem.integrate("electric")
     if system.charging is not None:
         system.residual(q, right)
-    return -2 * energy
+    assert charge is not None
+    return charge
 
 
-def _test_potential(newton: Newton, port: str) -> tuple[Any, bool]:
-    """The present state with the potential of 1 kV at a terminal, and whether corrections converge.
+def _test_charge(newton: Newton, port: str, needed: bool = False) -> tuple[float | None, Any]:
+    """Charge at 1 kV at a terminal with the body frozen, uC, and the state with that potential.
 
-    The problem's state is another one afterwards.
+    It is twice the energy, which is quadratic in the potential phi: with the residual r and the
+    charge Q at phi itself it is Q - phi.r, and a correction d of the potential adds -r.d. The
+    problem's state is another one afterwards.
+
+    Args:
+        newton: The solver, with a tangent.
+        port: The terminal.
+        needed: Whether to return a charge too if the corrections do not converge, else None.
     """
     system = newton.system
     trial, right, response = (system.q.copy() for _ in range(3))
@@ -189,13 +200,20 @@ def _test_potential(newton: Newton, port: str) -> tuple[Any, bool]:
     newton.solve_linear(right, response)
     trial.array[fields] = response.array_r[fields] / system.map.port_values(response)[port]
     system.map.set_port(trial, port, 1.0)
+    charge, before = 0.0, 1.0
     for _ in range(_CORRECTIONS):
         system.residual(trial, right)
         missed = right.array_r[fields]
+        phi = trial.array_r[fields]
         right.set(0.0)
         right.array[fields] = missed
         newton.solve_linear(right, response)
-        trial.array[fields] -= response.array_r[fields]
-        if size(response) <= _ENOUGH * size(trial):
-            return trial, True
-    return trial, False
+        correction = response.array_r[fields]
+        mine = float(missed @ (correction - phi))
+        charge = system.map.comm.allreduce(mine) - system.internal[port]
+        trial.array[fields] -= correction
+        left = size(response) / size(trial)
+        if left**2 * (left / before) <= _ENOUGH:
+            return charge, trial
+        before = left
+    return charge if needed else None, trial

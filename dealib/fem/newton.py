@@ -58,6 +58,8 @@ class Newton:
         linear_iterations: Iterations in these, one each where it factorises.
         total: Iterations of all solves.
         factored: Whether there is a tangent, of some state.
+        iterative: Whether linear systems are solved by iterations.
+        usable: Whether PETSc's solver can go on; not after a tangent without a factorisation.
         linear_solver: What it is, and its memory.
 
     Args:
@@ -69,10 +71,6 @@ class Newton:
     def __init__(self, problem: Problem, timings: Timings, symmetric: bool = True) -> None:
         free(problem.domain.comm)  # what earlier simulations left
         self.system = System(problem, timings)
-        self.timings = timings
-        self.iterations = self.linear_solves = self.linear_iterations = self.total = 0
-        self._tolerances = Tolerances.of(problem)
-        self._most = _iterations(problem.config)
         self._snes = PETSc.SNES().create(problem.domain.comm)
         self._snes.setFunction(_weak(self._residual), self.system.residual_vector)
         self._snes.setJacobian(_weak(self._tangent), self.system.matrix)
@@ -85,11 +83,26 @@ class Newton:
         set_options(self._ksp.getOptionsPrefix(), _OPTIONS)
         self._snes.setOptionsPrefix(self._ksp.getOptionsPrefix())
         self._snes.setFromOptions()
-        self._iterative = self._ksp.getType() == "fgmres"
+        self.iterative = self._ksp.getType() == "fgmres"
+        self.usable = True
+        self._start(timings)
+
+    def _start(self, timings: Timings) -> None:
+        self.timings, problem = timings, self.system.problem
+        self.iterations = self.linear_solves = self.linear_iterations = self.total = 0
+        self._tolerances = Tolerances.of(problem)
+        self._most = _iterations(problem.config)
         self.factored = False
         self._logged = factorisation_seconds()
         self._norms, self._worst_port = np.zeros(len(FIELDS)), 0.0
         self._size, self._again = math.inf, False
+
+    def restart(self) -> None:
+        """Start as a new one with the numbers that the problem has now (see `Reuse`)."""
+        free(self.system.map.comm)
+        timings = Timings()
+        self.system.restart(timings)
+        self._start(timings)
 
     def solve(self) -> int:
         """Solve from the current q; returns the number of iterations.
@@ -107,6 +120,7 @@ class Newton:
         except PETSc.Error as error:
             if error.ierr != _EXTERNAL:
                 raise
+            self.usable = False
             raise Singular(_SINGULAR) from None
         self.linear_solves = self._snes.getIterationNumber()
         self.linear_iterations = self._snes.getLinearSolveIterations()
@@ -116,7 +130,7 @@ class Newton:
             known = {
                 Reason.DIVERGED_MAX_IT: "no convergence within the iterations allowed",
                 DIVERGED_NAN: "an element turned inside out",
-                Reason.DIVERGED_LINEAR_SOLVE: _STALLED if self._iterative else _SINGULAR,
+                Reason.DIVERGED_LINEAR_SOLVE: _STALLED if self.iterative else _SINGULAR,
             }
             raise NotConverged(self._told(known.get(reason, f"SNES reason {reason}")))
         if self.system.problem.locked():
@@ -239,7 +253,7 @@ class Newton:
         solver.solve(right, found)
         solver.setTolerances(rtol=coarse)
         solver.setType(kind)
-        if solver.getConvergedReason() < 0 and self._iterative:
+        if solver.getConvergedReason() < 0 and self.iterative:
             raise NotConverged(_STALLED)
 
     # --- SNES callbacks --------------------------------------------------------------------------

@@ -169,6 +169,22 @@ class Problem:
         one, two = ([found[k] for k in sorted(found)] for found in (constants, functions))
         return one, two
 
+    def restart(self, config: Config, thicknesses: Iterable[float]) -> None:
+        """Take up another config whose numbers its constants and its mesh have (see `Reuse`).
+
+        Args:
+            config: The config.
+            thicknesses: Of the layers of a sheet, mm.
+        """
+        self.config, self.domain.device, self.reform = config, config.device, None
+        for (_, sheet), thickness in zip(self.sheets, thicknesses, strict=True):
+            sheet.thickness, sheet.field.value = thickness, 0.0
+        for known in ("force_scale", "charge_scale"):
+            self.__dict__.pop(known, None)
+        self.domain.__dict__.pop("sizes", None)
+        # others may have been compiled for a thickness
+        self._forms = {n: f for n, f in self._forms.items() if n.split(" ")[0] in _OF_CONSTANTS}
+
     # --- integrals -------------------------------------------------------------------------------
 
     @cached_property
@@ -378,6 +394,12 @@ class Problem:
         sizes, film = self.domain.sizes, self.config.film
         stretch = math.sqrt(math.prod(film.prestretch))
         return float(EPSILON_0 * film.permittivity.at(stretch) * sizes.area / sizes.thickness)
+
+
+_OF_CONSTANTS = (
+    *("elastic", "electric", "residual", "tangent", "along", "mesh_residual", "mesh_tangent"),
+    *("dual", "column", "corner"),
+)  # forms in which no number stands as such
 
 
 def quadrature_degree(order: int) -> int:

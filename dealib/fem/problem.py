@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -16,7 +17,7 @@ from dealib.config.schema import Config
 from dealib.device.records import CHAMBER, TERMINAL, Region
 from dealib.fem import compat
 from dealib.fem.branches import network_steps, step_terms
-from dealib.fem.chambers import chamber_energies
+from dealib.fem.chambers import ChamberPressure, chamber_energies
 from dealib.fem.couplings import COUPLINGS
 from dealib.fem.domain import Domain, Spaces, build_domain, build_spaces
 from dealib.fem.electrodes import build_map
@@ -59,77 +60,130 @@ def problem_on(domain: Domain, config: Config, spaces: Spaces | None = None) -> 
     """
     mixed = config.physics.formulation == "mixed"
     spaces = spaces or build_spaces(domain, config.mesh.order, mixed)
-    device, mesh = domain.device, domain.mesh
-    sheet = device.kinematics.sheet
-    groups = (sheet_groups if sheet else solid_groups)(config, domain)
+    mesh, sheet = domain.mesh, domain.device.kinematics.sheet
     degree = quadrature_degree(spaces.order)
-    count = max(len(m.networks) for m in config.solids.values())
+    groups = groups_of(domain, config)
+    count = _networks(config)
     slots = 1 + max(group.slot for group in groups)
-    terms, size = None, device.kinematics.packed
+    terms, size = None, domain.device.kinematics.packed
     peaks: Any = None
     if count:
         terms = step_terms(mesh, degree, count * slots, size)
     if any(m.mullins for m in config.solids.values()):
         element = compat.quadrature_element(mesh, degree, slots)
         peaks = fem.Function(compat.functionspace(mesh, element), name="peaks")
-    elastic: list[Energy] = []
-    electric: list[Energy] = []
-    motion: list[Energy] = []
-    branches: list[Energy] = []
-    for group in groups:
-        material = config.materials.get(group.material)
-        if material is None:
-            region = device.region(group.regions[0])
-            electric.append(IdealDielectric(group.name, _permittivity(mesh, region)))
-            if region.air:
-                stiffness = constant(mesh, config.physics.air_stiffness)
-                motion.append(MeshElasticity(group.name, stiffness))
-            continue
-        part = Hyperelastic(group.name, material, parameters(mesh, material), group.prestretch)
-        if material.mullins is not None:
-            constants = {k: constant(mesh, v) for k, v in material.mullins}
-            peak = peaks[group.slot]
-            part = replace(part, mullins=SimpleNamespace(**constants), peak=peak)
-        branches += network_steps(part, material.networks, terms, size, group.slot * count)
-        elastic.append(MixedHyperelastic(part, ufl.split(spaces.w)[2]) if mixed else part)
-        if not config.conducts(group.material):
-            electric.append(_dielectric(mesh, group, material))
-    free = (*device.of(CHAMBER), *(device.of(TERMINAL) if sheet else ()))
-    values = {port.name: ufl.variable(constant(mesh, 0.0)) for port in free}
+    parts = Parts.of(domain, config, spaces, groups, terms, peaks)
     if sheet:
         equip(domain, spaces, groups, degree)
-    loads = [
-        (p.name, energy)
-        for p in device.of(CHAMBER)
-        for energy in chamber_energies(domain, p, values[p.name])
-    ]
     problem = Problem(
         config=config,
         domain=domain,
         spaces=spaces,
         constraints=build_map(domain, spaces, config, config.sensing.charging),
         groups=groups,
-        elastic=elastic,
-        electric=electric,
-        loads=loads,
-        values=values,
-        mesh_motion=motion,
+        elastic=parts.elastic,
+        electric=parts.electric,
+        loads=parts.loads,
+        values=parts.values,
+        mesh_motion=parts.motion,
         coupling=COUPLINGS[config.physics.coupling],
         locking=constant(mesh, 1.0),
-        density={k: constant(mesh, m.density or 0.0) for k, m in config.solids.items()},
+        density=parts.density,
         rate_factor=constant(mesh, 1.0),
         charging=config.sensing.charging,
-        branches=branches,
+        branches=parts.branches,
         terms=terms,
         peaks=peaks,
     )
     if sheet:
-        volts = {port.name: values[port.name] for port in device.of(TERMINAL)}
+        volts = {port.name: parts.values[port.name] for port in domain.device.of(TERMINAL)}
         problem.sheet = SheetModel(
             *(domain, spaces, groups, problem.densities, volts, degree, problem.everywhere),
             _slack(config, groups),
         )
     return problem
+
+
+def groups_of(domain: Domain, config: Config) -> tuple[Group, ...]:
+    """Regions that share energies."""
+    sheet = domain.device.kinematics.sheet
+    return (sheet_groups if sheet else solid_groups)(config, domain)
+
+
+def _networks(config: Config) -> int:
+    """Most networks that a material has."""
+    return max(len(m.networks) for m in config.solids.values())
+
+
+@dataclass
+class Parts:
+    """The energies of a config, and its numbers in them as constants (see `Problem`)."""
+
+    elastic: list[Energy]
+    electric: list[Energy]
+    motion: list[Energy]
+    branches: list[Energy]
+    loads: list[tuple[str, ChamberPressure]]
+    values: dict[str, Any]
+    density: dict[str, Any]
+
+    @classmethod
+    def of(
+        cls,
+        domain: Domain,
+        config: Config,
+        spaces: Spaces,
+        groups: Sequence[Group],
+        terms: Any,
+        peaks: Any,
+    ) -> Parts:
+        """Those of a config on a mesh (collective).
+
+        Args:
+            domain: The mesh.
+            config: The config.
+            spaces: The spaces.
+            groups: Regions that share energies.
+            terms: What networks depend on; None without.
+            peaks: Largest energies so far; None without softening.
+        """
+        mixed = config.physics.formulation == "mixed"
+        device, mesh, count = domain.device, domain.mesh, _networks(config)
+        elastic: list[Energy] = []
+        electric: list[Energy] = []
+        motion: list[Energy] = []
+        branches: list[Energy] = []
+        for group in groups:
+            material = config.materials.get(group.material)
+            if material is None:
+                region = device.region(group.regions[0])
+                electric.append(IdealDielectric(group.name, _permittivity(mesh, region)))
+                if region.air:
+                    stiffness = constant(mesh, config.physics.air_stiffness)
+                    motion.append(MeshElasticity(group.name, stiffness))
+                continue
+            part = Hyperelastic(group.name, material, parameters(mesh, material), group.prestretch)
+            if material.mullins is not None:
+                constants = {k: constant(mesh, v) for k, v in material.mullins}
+                peak = peaks[group.slot]
+                part = replace(part, mullins=SimpleNamespace(**constants), peak=peak)
+            size, first = device.kinematics.packed, group.slot * count
+            branches += network_steps(part, material.networks, terms, size, first)
+            elastic.append(MixedHyperelastic(part, ufl.split(spaces.w)[2]) if mixed else part)
+            if not config.conducts(group.material):
+                electric.append(_dielectric(mesh, group, material))
+        free = (
+            *device.of(CHAMBER),
+            *(device.of(TERMINAL) if device.kinematics.sheet else ()),
+        )
+        values = {port.name: ufl.variable(constant(mesh, 0.0)) for port in free}
+        loads = [
+            (p.name, energy)
+            for p in device.of(CHAMBER)
+            for energy in chamber_energies(domain, p, values[p.name])
+        ]
+        density = {k: constant(mesh, m.density or 0.0) for k, m in config.solids.items()}
+        return cls(elastic, electric, motion, branches, loads, values, density)
 
 
 def _slack(config: Config, groups: tuple[Group, ...]) -> dict[str, float] | None:

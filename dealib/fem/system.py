@@ -107,15 +107,11 @@ class System:
         tangents: Number of tangents that have been assembled.
     """
 
+    values: dict[str, float]
+
     def __init__(self, problem: Problem, timings: Timings) -> None:
-        self.problem, self.map, self.timings = problem, problem.constraints, timings
-        self.ports = {name: PortLaw(value=0.0) for name in self.map.ports}
-        self.values = dict.fromkeys(self.map.ports, 0.0)
-        self.internal = dict.fromkeys(self.map.ports, 0.0)
-        self.inertia: Inertia | None = None
+        self.problem, self.map = problem, problem.constraints
         self.charging = Charging(problem) if problem.charging else None
-        self.tangents = 0
-        self._eliminated: dict[str, Any] = {}
         self.q = self.map.create_vector()
         self.residual_vector = self.map.create_vector()
         self._parts = [("residual", "tangent", self.map.physical)]
@@ -130,13 +126,28 @@ class System:
             for name in ("elastic", "electric", *assembled):
                 problem.form(name)
             self._local = compat.create_vector(problem.spaces.W, self.map.comm)
-        self._forces = self._on_platforms()
+        self.restart(timings)
         self._columns = self.map.lgmap(self.map.columns)
         self._rows = [self.map.lgmap(rows) for _, _, rows in self._parts]
         with timings("matrix"):
-            self.values = {port: 0.1 * (k + 3) for k, port in enumerate(self.values)}  # generic
+            self.values = {port: 0.1 * (k + 3) for k, port in enumerate(self.map.ports)}  # generic
             self.matrix = create_matrix(problem, self._pattern)
-            self.values = dict.fromkeys(self.values, 0.0)
+            self.values = dict.fromkeys(self.map.ports, 0.0)
+
+    def restart(self, timings: Timings) -> None:
+        """Start from zero, with the equations that there are and the numbers of the problem."""
+        self.timings = timings
+        self.ports = {name: PortLaw(value=0.0) for name in self.map.ports}
+        self.values = dict.fromkeys(self.map.ports, 0.0)
+        self.internal = dict.fromkeys(self.map.ports, 0.0)
+        self.inertia: Inertia | None = None
+        self.tangents = 0
+        self._eliminated: dict[str, Any] = {}
+        self.q.set(0.0)
+        self.residual_vector.set(0.0)
+        with self._local.localForm() as local:
+            local.set(0.0)
+        self._forces = self._on_platforms()
 
     # --- residual --------------------------------------------------------------------------------
 

@@ -134,18 +134,16 @@ def curvature(law: Law, first: Any, second: Any) -> tuple[Array, Array]:
     first, second = np.asarray(first, dtype=float) ** 2, np.asarray(second, dtype=float) ** 2
     third = 1 / (first * second)
 
-    def slope(x: float, y: float, along: int) -> Array:
-        """W_x or W_y after small changes of x and y."""
-        a, b = np.exp(2 * (x + 1j * h * (1 - along))), np.exp(2 * (y + 1j * h * along))
-        l1, l2, l3 = first * a, second * b, third / (a * b)  # squared
-        i = Invariants(l1 + l2 + l3, l1 * l2 + (l1 + l2) * l3, np.ones_like(third), l3)
-        return np.asarray(np.imag(law.energy(i, p)) / h)
-
+    # W_x after small changes of x, W_y after those of y, and W_y after those of x, at once
+    x, y = step * np.array([[1, -1, 0, 0, 1, -1], [0, 0, 1, -1, 0, 0]])
+    along = 1j * h * np.array([[1, 1, 0, 0, 0, 0], [0, 0, 1, 1, 1, 1]])
+    a, b = (np.exp(2 * z).reshape(-1, *[1] * third.ndim) for z in (x + along[0], y + along[1]))
     with np.errstate(all="ignore"):
-        x1, x0 = slope(step, 0, 0), slope(-step, 0, 0)
-        y1, y0 = slope(0, step, 1), slope(0, -step, 1)
-        mixed = slope(step, 0, 1) - slope(-step, 0, 1)
-        second_derivatives = np.stack([x1 - x0, y1 - y0, mixed]) / (2 * step)
+        l1, l2, l3 = first * a, second * b, third / (a * b)  # squared
+        i = Invariants(l1 + l2 + l3, l1 * l2 + (l1 + l2) * l3, np.ones(l3.shape), l3)
+        slopes = np.broadcast_to(np.imag(law.energy(i, p)) / h, l3.shape)
+        x1, x0, y1, y0, up, down = slopes
+        second_derivatives = np.stack([x1 - x0, y1 - y0, up - down]) / (2 * step)
         return np.stack([x1 + x0, y1 + y0]) / 2, second_derivatives
 
 

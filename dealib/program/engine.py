@@ -11,7 +11,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dealib.config.follow import partner
+from dealib.config.follow import crossed
 from dealib.config.schema import Config
 from dealib.device.records import MOUNT, TURN
 from dealib.errors import ConfigError, ValueAt
@@ -62,16 +62,16 @@ class Engine:
         mesh_file: Path | None = None,
         newton: Newton | None = None,
     ) -> None:
-        self.config, self.comm, self.timings = config, comm, Timings()
+        self.config, self.comm = config, comm
+        self.timings = newton.timings if newton else Timings()
         start = time.perf_counter()
         self.problem = newton.system.problem if newton else build_problem(config, comm, mesh_file)
         self.layout = Layout.of(self.problem)
         self.timings["mesh"] += time.perf_counter() - start
         remembers = any(m.memory for m in config.solids.values())
         self.viscosity = Viscosity(self.problem, self.layout) if remembers else None
-        pairs = [s.follow.pair for s in config.program if s.follow is not None]
-        crossed = any(partner(vary) != along for vary, along in pairs)
-        self.newton = newton or Newton(self.problem, self.timings, symmetric=not crossed)
+        symmetric = not crossed(config.program)
+        self.newton = newton or Newton(self.problem, self.timings, symmetric)
         system = self.newton.system
         self.inertia = Inertia(self.problem, system.ports) if config.moves else None
         self.predictor = Predictor(

@@ -17,6 +17,7 @@ from mpi4py import MPI
 
 from dealib.config.case import Case, load
 from dealib.errors import Interrupted, NotConverged, PlatformError
+from dealib.fem.reuse import Reuse
 from dealib.log import to_file
 from dealib.program.directory import finished, prepare
 from dealib.program.margins import table
@@ -126,6 +127,7 @@ def simulate(
     beside: Beside | None = None,
     look: Callable[[State], State] | None = None,
     resumable: bool = True,
+    reuse: Reuse | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
     argv: Sequence[str] | None = None,
     started: float | None = None,
@@ -141,6 +143,7 @@ def simulate(
         beside: Process that writes; default: states are written in the step itself.
         look: Looks at each state first, and may add to it what is written.
         resumable: Whether there are checkpoints to go on from; without, more is written at the end.
+        reuse: Gives the solver, of the case before where it fits.
         comm: MPI communicator.
         argv: Command line to record.
         started: `time.perf_counter()` at which the process began, for the timings.
@@ -178,7 +181,11 @@ def simulate(
             log.info("%s", shlex.join(info["argv"]))
             log.info("%s", ", ".join(f"{k} {v}" for k, v in info["versions"].items()))
             mesh_file = path / "mesh.msh" if saved is None else None
-            simulation = Simulation(case, comm, mesh_file, saved)
+            newton = None
+            if reuse is not None:
+                with case.blamed():
+                    newton = reuse.newton(case.config, comm, mesh_file)
+            simulation = Simulation(case, comm, mesh_file, saved, newton)
             writer = StepWriter if beside is None else partial(beside.open, lock=lock)
             recorder = Recorder(path, case, writer, resumable)
             session.run(simulation, recorder, observers, signals, look)

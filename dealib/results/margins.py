@@ -18,7 +18,7 @@ from dealib.materials.laws import Law, invariants_of_stretches
 from dealib.materials.prestretch import bracket
 from dealib.materials.response import curvature, softens, stiffness
 from dealib.results import local, stress
-from dealib.results.elements import Array
+from dealib.results.elements import Array, cross, dot, metric
 from dealib.results.mesh import ResultMesh
 from dealib.results.thickness import Columns, edges
 
@@ -70,11 +70,10 @@ class Film:
         """Principal stretches in the plane since the unstretched state, at F from the mesh."""
         rest = [v / self.material.stretch for v in (self.frame.a, self.frame.b)]  # unstretched
         a, b = (
-            local.deformed(F, v) / np.linalg.norm(r, axis=-1)[..., None]
+            local.deformed(F, v) / np.sqrt(dot(r, r))[..., None]
             for v, r in zip((self.frame.a, self.frame.b), rest, strict=True)
         )
-        A, B = np.einsum("...i,...i", a, a), np.einsum("...i,...i", b, b)
-        C = np.einsum("...i,...i", a, b)
+        A, B, C = dot(a, a), dot(b, b), dot(a, b)
         if not C.any():
             return np.sqrt(A), np.sqrt(B)
         half, mean = np.hypot((A - B) / 2, C), (A + B) / 2
@@ -90,20 +89,16 @@ class Film:
             pressure: The mixed form's p, (...).
             internal: What it remembers, packed, (..., entries, 4).
         """
-        m = self.material
-        total = m.true_stress(k, pressure, internal) + m.electric_stress(k)
-        first = local.deformed(k.F, self.frame.a)
-        one = first / np.linalg.norm(first, axis=-1)[..., None]
-        normal = np.einsum("...ji,...j", k.inverse, np.broadcast_to(self.frame.n, first.shape))
-        two = np.cross(normal / np.linalg.norm(normal, axis=-1)[..., None], one)
-        pairs = ((one, one), (two, two), (one, two))
-        return np.stack([np.einsum("...i,...ij,...j", x, total, y) for x, y in pairs], axis=-1)
+        one = _unit(local.deformed(k.F, self.frame.a))
+        normal = np.einsum("...ji,...j", k.inverse, np.broadcast_to(self.frame.n, one.shape))
+        two = cross(_unit(normal), one)
+        return self.material.in_plane(k, one, two, pressure, internal)
 
     def thickness_stretch(self, k: stress.Deformation) -> Array:
         """Thickness over the unstretched one: 1 / |F^-T n| since the unstretched state."""
         n = np.einsum("...ji,...j", k.inverse, np.broadcast_to(self.frame.n, k.e.shape))
         rest = np.linalg.norm(self.frame.n * self.material.stretch, axis=-1)
-        return np.asarray(rest / np.linalg.norm(n, axis=-1))
+        return np.asarray(rest / np.sqrt(dot(n, n)))
 
     def wrinkling(self, tensions: Array) -> Array:
         """Share of the mounted tension that is lost, from tensions (..., 3) averaged across.
@@ -140,7 +135,7 @@ class Film:
         with np.errstate(all="ignore"):
             # the smaller root of (cross^2 - own^2) q^2 + m q - det = 0, q = e.e
             root = np.sqrt(m * m + 4 * (cross**2 - own**2) * det)
-            used = np.einsum("...i,...i", k.e, k.e) * (m + root) / (2 * det)
+            used = dot(k.e, k.e) * (m + root) / (2 * det)
             used = np.where(used > 0, np.sqrt(used), 0.0)  # no positive root: never lost
         return np.where((det > 0) & (a + c > 0), used, np.inf)
 
@@ -186,6 +181,10 @@ def _mounted_tension(material: stress.RegionMaterial, fresh: tuple[Branch, ...])
     return float(principal(across)[list(material.plane)].min())
 
 
+def _unit(v: Array) -> Array:
+    return np.asarray(v / np.sqrt(dot(v, v))[..., None])
+
+
 def smallest(tensions: Array) -> Array:
     """Smaller principal value of in-plane stresses (..., 3)."""
     a, b, c = np.moveaxis(tensions, -1, 0)
@@ -194,7 +193,7 @@ def smallest(tensions: Array) -> Array:
 
 def principal_stretch(F: Array) -> Array:
     """Largest principal stretch, shape F.shape[:-2]."""
-    C = np.swapaxes(F, -1, -2) @ F
+    C = metric(F)
     if not (C[..., 0, 2].any() or C[..., 1, 2].any()):
         half, mean = (C[..., 0, 0] - C[..., 1, 1]) / 2, (C[..., 0, 0] + C[..., 1, 1]) / 2
         plane = mean + np.hypot(half, C[..., 0, 1])

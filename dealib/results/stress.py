@@ -16,7 +16,7 @@ from dealib.materials import Invariants, Law
 from dealib.materials.branches import Branch, Network
 from dealib.materials.evolution import inverted, unpack
 from dealib.materials.softening import Mullins, softening
-from dealib.results.elements import Array, determinant, inverse
+from dealib.results.elements import Array, determinant, dot, inverse, metric
 
 
 @dataclass(frozen=True)
@@ -55,10 +55,25 @@ def second_pk(
     """
     P = np.ones(3) if prestretch is None else np.asarray(prestretch)
     total = F * P
-    C = np.swapaxes(total, -1, -2) @ total
-    J = determinant(total)
+    C, J = metric(total), determinant(total)
+    unit, inner, bend, along = _isotropic(law, C, J, pressure, soften)
+    S = inner[..., None, None] * inverse(C) - bend[..., None, None] * C
+    diagonal = np.arange(3)
+    S[..., diagonal, diagonal] += unit[..., None]
+    S[..., 2, 2] += along
+    return np.asarray(S * (P[:, None] * P / P.prod()))
+
+
+def _isotropic(
+    law: Law,
+    C: Array,
+    J: Array,
+    pressure: Array | None,
+    soften: Callable[[Array], Array] | None = None,
+) -> tuple[Array, Array, Array, Array]:
+    """Factors a, b, c, d of a law's S = a 1 + b C^-1 - c C + d e (x) e, e the last direction."""
     q = J ** (-2 / 3)
-    trace, square = np.trace(C, axis1=-2, axis2=-1), np.einsum("...ij,...ij", C, C)
+    trace, square = C[..., 0, 0] + C[..., 1, 1] + C[..., 2, 2], np.einsum("...ij,...ij", C, C)
     second = (trace * trace - square) / 2
     hoop = C[..., 2, 2]
     known = not (C[..., 0, 2].any() or C[..., 1, 2].any())  # it is a principal direction
@@ -67,15 +82,38 @@ def second_pk(
     if soften is not None:
         eta = soften(law.isochoric_energy(i, law.values))
         d = Invariants(eta * d.I1, eta * d.I2, d.J, eta * d.hoop)
-    # S = unit 1 + inner C^-1 - bend C, and what the last direction adds
     unit, bend, along = 2 * q * d.I1, 2 * q * q * d.I2, 2 * q * d.hoop
     inner = (d.J if pressure is None else pressure) * J
     inner = inner - (unit * trace + bend * 2 * second + along * hoop) / 3
-    S = inner[..., None, None] * inverse(C) - bend[..., None, None] * C
-    diagonal = np.arange(3)
-    S[..., diagonal, diagonal] += (unit + bend * trace)[..., None]
-    S[..., 2, 2] += along
-    return np.asarray(S * (P[:, None] * P / P.prod()))
+    return unit + bend * trace, inner, bend, along
+
+
+def in_plane(
+    law: Law,
+    F: Array,
+    x: Array,
+    y: Array,
+    prestretch: Array | None = None,
+    pressure: Array | None = None,
+) -> list[Array]:
+    """Elastic true stresses xx, yy and xy of orthogonal unit vectors (..., 3).
+
+    With a = F^T x and b = F^T y they are a . S . b / J, of which C^-1 leaves x . y, so that no
+    tensor is needed (other arguments as for `second_pk`).
+    """
+    total = F if prestretch is None else F * np.asarray(prestretch)
+    J = determinant(total)
+    unit, inner, bend, along = _isotropic(law, metric(total), J, pressure)
+    a, b = (np.einsum("...ij,...i->...j", total, v) for v in (x, y))
+    pairs = ((a, a), (b, b), (a, b))
+    found = [unit * dot(p, q) + along * p[..., 2] * q[..., 2] for p, q in pairs]
+    found[0] += inner
+    found[1] += inner
+    if bend.any():
+        a, b = (np.einsum("...ij,...j", total, v) for v in (a, b))
+        for value, (p, q) in zip(found, ((a, a), (b, b), (a, b)), strict=True):
+            value -= bend * dot(p, q)
+    return [value / J for value in found]
 
 
 def networks_pk(
@@ -91,7 +129,7 @@ def networks_pk(
     """
     P = np.ones(3) if prestretch is None else np.asarray(prestretch)
     total = F * P
-    C = np.swapaxes(total, -1, -2) @ total
+    C = metric(total)
     C_inverse, S = inverse(C), np.zeros_like(C)
     scale = determinant(total)[..., None, None] ** (-2 / 3)
     for k, network in enumerate(networks):
@@ -118,7 +156,9 @@ def _derivatives(law: Law, i: Invariants) -> Invariants:
 
 def cauchy(F: Array, S: Array) -> Array:
     """Sigma = F S F^T / J."""
-    return np.asarray(F @ S @ np.swapaxes(F, -1, -2) / determinant(F)[..., None, None])
+    f, s = (np.ascontiguousarray(np.moveaxis(x, (-2, -1), (0, 1))) for x in (F, S))
+    found = np.einsum("ik...,kj...->ij...", f, np.einsum("kl...,jl...->kj...", s, f))
+    return np.asarray(np.moveaxis(found, (0, 1), (-2, -1)) / determinant(F)[..., None, None])
 
 
 def maxwell(permittivity: float | Array, e: Array) -> Array:
@@ -208,6 +248,35 @@ class RegionMaterial:
     def true_stress(self, k: Deformation, pressure: Array | None, internal: Array | None) -> Array:
         """Cauchy stress of law and networks, as `elastic_stress`."""
         return cauchy(k.F, self.elastic_stress(k, pressure, internal))
+
+    def in_plane(
+        self, k: Deformation, x: Array, y: Array, pressure: Array | None, internal: Array | None
+    ) -> Array:
+        """True stresses xx, yy and xy, the field's included, (..., 3), MPa.
+
+        Args:
+            k: Deformation and field.
+            x: Unit vectors (..., 3).
+            y: Others, orthogonal to these.
+            pressure: As for `elastic_stress`.
+            internal: Likewise.
+        """
+        assert self.law is not None
+        if internal is None:
+            found = in_plane(self.law, k.F, x, y, self.prestretch, pressure)
+        else:
+            sigma = self.true_stress(k, pressure, internal)
+            pairs = ((x, x), (y, y), (x, y))
+            found = [np.einsum("...i,...ij,...j", p, sigma, q) for p, q in pairs]
+        eps, square, a, b = self.permittivity_at(k), dot(k.e, k.e), dot(k.e, x), dot(k.e, y)
+        both = -eps / 2 * square
+        parts = [both + eps * a * a, both + eps * b * b, eps * a * b]
+        if self.slope:
+            n, size = self.normal_at(k), -square * self.slope * self.area_stretch(k) / 4
+            a, b = dot(n, x), dot(n, y)
+            more = (1 - a * a, 1 - b * b, -a * b)
+            parts = [part + size * m for part, m in zip(parts, more, strict=True)]
+        return np.stack([f + part for f, part in zip(found, parts, strict=True)], axis=-1)
 
     def elastic_stress(
         self, k: Deformation, pressure: Array | None, internal: Array | None
