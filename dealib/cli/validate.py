@@ -18,7 +18,7 @@ from dealib.errors import ConfigError, DealibError, did_you_mean
 from dealib.files import guarded, write_text
 from dealib.validation import suite
 from dealib.validation.page import KINDS, good, number, page, tally
-from dealib.validation.rows import OUTSIDE, WITHIN, Row, against, others
+from dealib.validation.rows import LACKING, OUTSIDE, WITHIN, Row, against, others
 from dealib.validation.suite import Found
 from dealib.versions import version_line
 
@@ -65,9 +65,10 @@ def run_validation(
         suite.check(found)
     if not good(rows):
         wrong = [f"  {r.benchmark}: {r.quantity}: {r.told}" for r in rows if r.verdict == OUTSIDE]
-        lacking = sum(r.verdict not in (WITHIN, OUTSIDE) for r in rows)
+        lacking = sum(r.verdict == LACKING for r in rows)
         head = f"{len(wrong)} of {len(rows)} quantities are outside their tolerance"
-        raise OutsideTolerance("\n".join([head, *wrong] + [f"{lacking} have no value"] * (lacking > 0)))
+        head += f", and {lacking} without a value" if lacking else ""
+        raise OutsideTolerance("\n".join([head, *wrong]))
 
 
 def _write(found: Sequence[Found], rows: Sequence[Row], out: Path, code: str) -> None:
@@ -77,7 +78,7 @@ def _write(found: Sequence[Found], rows: Sequence[Row], out: Path, code: str) ->
     _print(rows, code)
     typer.echo(tally(rows))
     records = [row.record() for row in rows]
-    stem = "results" if code == "dealib" else code
+    stem = "results" if code == "dealib" else f"against-{code}"
     write_text(out / f"{stem}.csv", pd.DataFrame(records).to_csv(index=False))
     for record in records:  # JSON has no NaN
         record |= {k: None for k, v in record.items() if v != v}

@@ -127,7 +127,7 @@ class Benchmark(Section):
         if not self.checks and not any(c.rms for c in self.curves):
             raise ValueError("nothing is compared: give checks, or curves with rms")
         self.numbers()
-        named = [c.name for c in (*self.checks, *self.curves)]
+        named = [*(c.name for c in self.checks), *(c.name for c in self.curves)]
         for k, name in enumerate(named):
             if name in named[:k]:
                 at = ("checks", k) if k < len(self.checks) else ("curves", k - len(self.checks))

@@ -1,4 +1,4 @@
-"""What a worker does with a case of a benchmark: the run, and vibrations or a spectrum beside it."""
+"""What a worker does with a case of a benchmark: a run, with vibrations or a spectrum."""
 
 from __future__ import annotations
 
