@@ -17,6 +17,7 @@ from dealib.cli.study import solve_plans
 from dealib.errors import ConfigError, DealibError, did_you_mean
 from dealib.files import guarded, write_text
 from dealib.validation import suite
+from dealib.validation.definition import NoBenchmark
 from dealib.validation.page import KINDS, good, number, page, tally
 from dealib.validation.rows import LACKING, OUTSIDE, WITHIN, Row, against, others
 from dealib.validation.suite import Found
@@ -49,7 +50,12 @@ def run_validation(
     """
     if kind not in (None, *KINDS):
         raise ConfigError(f"--kind {kind}: unknown{did_you_mean(kind, list(KINDS))}")
-    given, store = suite.definitions(names, kind), Cache(cache)
+    theirs = {} if other is None else others(other)
+    named = names or list(dict.fromkeys(name for name, _ in theirs))
+    try:
+        given, store = suite.definitions(named, kind), Cache(cache)
+    except NoBenchmark as error:
+        raise ConfigError(f"{other}: {error}" if other and not names else str(error)) from None
     with guarded(out):
         out.mkdir(parents=True, exist_ok=True)
     if other is None:
@@ -59,7 +65,7 @@ def run_validation(
     else:  # nothing is solved: dealib's numbers stand beside where they are there
         found = suite.evaluated(given, store, {}, whole=True)
         known = [row for one in found for row in one.rows]
-        rows, code = against(known, others(other), other), other.stem
+        rows, code = against(known, theirs, other), other.stem
     _write(found, rows, out, code)
     if other is None:
         suite.check(found)

@@ -29,6 +29,10 @@ _SUFFIX = ".yaml"
 _LARGEST = 10_000_000  # bytes of a reference curve
 
 
+class NoBenchmark(ConfigError):
+    """A name is that of no benchmark."""
+
+
 @dataclass(frozen=True)
 class Definition(Plan):
     """A benchmark as a study of its cases.
@@ -82,7 +86,7 @@ def find(names: Sequence[str | Path], suite: Path = SUITE) -> list[Path]:
         elif path.suffix == _SUFFIX or path.exists():
             found[path] = None
         else:
-            raise ConfigError(f"there is no benchmark {name!r}{did_you_mean(name, known)}")
+            raise NoBenchmark(f"there is no benchmark {name!r}{did_you_mean(name, known)}")
     return list(found)
 
 
