@@ -22,47 +22,52 @@ Kind = Literal["analytical", "code", "measured"]
 class Modes(Section):
     """Vibrations about the state at the end of a stage; expressions then read `modes.csv`."""
 
-    count: int = Field(4, ge=1, le=100, description="how many, from the lowest frequency on")
-    stage: str | None = Field(None, description="default the last one")
+    count: int = Field(4, ge=1, le=100, description="number of modes, from the lowest frequency on")
+    stage: str | None = Field(None, description="stage at whose end; default the last one")
 
 
 class Spectrum(Band):
     """Small-signal response at the end of a stage; expressions then read `response.csv`."""
 
-    stage: str | None = Field(None, description="default the last one")
+    stage: str | None = Field(None, description="stage at whose end; default the last one")
 
 
 class Tolerance(OneOf):
     """How far a result may lie from its reference."""
 
-    relative: Above0 | None = Field(None, description="as a share of the reference")
-    absolute: Above0 | None = Field(None, description="in the unit of the quantity")
+    relative: Above0 | None = Field(
+        None, description="largest difference as a share of the reference"
+    )
+    absolute: Above0 | None = Field(None, description="largest difference in the quantity's unit")
 
 
 class Check(Section):
     """A number with its reference."""
 
-    name: Cell = Field(min_length=1, description="of the quantity, in words")
-    unit: Cell = Field("", description="of all numbers of this quantity")
-    value: str = Field(description="expression over the quantities of all cases")
-    reference: float | str = Field(description="number, or an expression over `constants`")
+    name: Cell = Field(min_length=1, description="name of the quantity, in words")
+    unit: Cell = Field("", description="unit of all numbers of this quantity")
+    value: str = Field(description="computed number: expression over the quantities of all cases")
+    reference: float | str = Field(
+        description="known number, or an expression over `constants` that gives it"
+    )
     tolerance: Tolerance
-    because: str = Field("", description="where the tolerance comes from, if it needs to be said")
+    because: str = Field("", description="reason of the tolerance, where it needs one")
 
 
 class ReferenceCurve(Section):
     """Points of a reference curve, given here or in a file of two columns."""
 
-    label: str = Field(min_length=1, description="in the legend")
-    x: tuple[float, ...] = Field((), description="in the unit of the axis")
-    y: tuple[float, ...] = Field((), description="as many, likewise")
+    label: str = Field(min_length=1, description="label in the legend")
+    x: tuple[float, ...] = Field((), description="points along x, in the unit of the axis")
+    y: tuple[float, ...] = Field((), description="as many points along y")
     file: str | None = Field(
-        None, description="CSV, beside this file or in the folder that DEALIB_DATA names"
+        None,
+        description="CSV of two columns, beside this file or in the folder that DEALIB_DATA names",
     )
     branch: Literal["all", "loading", "unloading"] = Field(
-        "all", description="points of the file up to, or from, the one with the largest x"
+        "all", description="all points of the file, or those up to or from its largest x"
     )
-    style: Literal["line", "points"] = Field("points", description="how it is drawn")
+    style: Literal["line", "points"] = Field("points", description="line or points in the picture")
 
     @model_validator(mode="after")
     def _one_source(self) -> ReferenceCurve:
@@ -78,33 +83,36 @@ class ReferenceCurve(Section):
 class CurveCheck(Section):
     """A curve of one case beside that of a reference, point by point."""
 
-    name: Cell = Field(min_length=1, description="of the curve, in words")
-    case: Cell | None = Field(None, description="default the first one")
-    x: Axis = Field(description="rises along the curve")
-    y: Axis
+    name: Cell = Field(min_length=1, description="name of the curve, in words")
+    case: Cell | None = Field(None, description="label of the case; default the first one")
+    x: Axis = Field(description="horizontal axis, along which the curve rises")
+    y: Axis = Field(description="vertical axis")
     reference: ReferenceCurve
-    unit: Cell = Field("", description="of y")
+    unit: Cell = Field("", description="unit of y")
     rms: Above0 | None = Field(
         None, description="largest root mean square of the differences in y; none: drawn only"
     )
-    because: str = Field("", description="where the tolerance comes from, if it needs to be said")
+    because: str = Field("", description="reason of the tolerance, where it needs one")
 
 
 class Benchmark(Section):
     """A device, what is computed of it, and what it is compared with."""
 
-    name: Name = Field(description="that of the file, without its suffix")
-    title: str = Field(min_length=1, description="one line")
-    kind: Kind = Field(description="where the reference comes from")
-    source: str = Field(min_length=1, description="paper, equation or table")
+    name: Name = Field(description="name of the file, without its suffix")
+    title: str = Field(min_length=1, description="what it is, in one line")
+    kind: Kind = Field(
+        description="what the references are: closed forms and differential equations, "
+        "other codes, or measurements"
+    )
+    source: str = Field(min_length=1, description="paper, equation or table of the reference")
     obtained: str = Field(min_length=1, description="how the reference numbers were obtained")
-    licence: str = Field("", description="of data that are not this project's own")
+    licence: str = Field("", description="licence of data that others made")
     device: dict[str, Any] = Field(description="a whole config: geometry, materials, program")
     cases: dict[Cell, dict[Cell, Any]] = Field(
-        {}, description="label: {dotted key of the device: value}; default one case"
+        {}, description="variants, as label: {dotted key of the device: value}; default one case"
     )
-    modes: Modes | None = Field(None, description="vibrations are found, too")
-    spectrum: Spectrum | None = Field(None, description="a spectrum is found, too")
+    modes: Modes | None = Field(None, description="vibrations that are found beside the run")
+    spectrum: Spectrum | None = Field(None, description="spectrum that is found beside the run")
     quantities: dict[str, str] = Field({}, description="name: expression, one number a case")
     constants: dict[str, float | str] = Field(
         {}, description="name: number, or an expression over those before it"
