@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from dealib.results.reader import Run
     from dealib.results.reader import Run as open
     from dealib.results.tables import load as tables
+    from dealib.validation.suite import validate
 
 __all__ = [
     "Case",
@@ -41,6 +42,7 @@ __all__ = [
     "simulate",
     "tables",
     "uncertainty",
+    "validate",
 ]
 
 prepare()  # before numpy loads its BLAS
@@ -62,6 +64,7 @@ _LAZY = {
     "Simulation": ("dealib.program", "Simulation"),
     "State": ("dealib.program", "State"),
     "simulate": ("dealib.program", "simulate"),
+    "validate": ("dealib.validation.suite", "validate"),
 }
 
 

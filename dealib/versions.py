@@ -14,7 +14,9 @@ _PACKAGES = (
 )
 _NAMES = {"petsc": "PETSc", "gmsh": "Gmsh", "python": "Python"}
 # packages of dealib that results do not depend on
-_BESIDE = {"calibration", "cases", "cli", "data", "export", "plots", "report", "study"}
+_BESIDE = {
+    *("calibration", "cases", "cli", "data", "export", "plots", "report", "study", "validation"),
+}
 
 
 def version_line() -> str:

@@ -20,6 +20,7 @@ from dealib.design.schema import Design
 from dealib.observe.quantities import QUANTITIES
 from dealib.study.expressions import COMMON, KINDS, OF_A_CASE, OF_ALL_CASES
 from dealib.study.schema import MaterialTest, Study
+from dealib.validation.schema import Benchmark
 
 VALIDATOR = jsonschema.Draft202012Validator(json.loads(json_text()))
 
@@ -47,6 +48,7 @@ PAGES = {
     "fit": ("fits/REFERENCE.md", Fit),
     "coupon": ("fits/COUPONS.md", Coupon),
     "design": ("designs/REFERENCE.md", Design),
+    "benchmark": ("validation/REFERENCE.md", Benchmark),
 }
 
 
@@ -77,16 +79,16 @@ def test_reference_of_studies_and_fits_is_current_and_whole(of):
     "path",
     [
         p
-        for of in ("thesis", "studies", "fits", "designs")
+        for of in ("thesis", "studies", "fits", "designs", "validation")
         for p in sorted(CONFIGS.glob(f"{of}/*.yaml"))
     ],
     ids=lambda p: f"{p.parent.name}/{p.stem}",
 )
 def test_shipped_studies_and_fits_meet_their_schema(path):
     tree = read(path.read_text())
-    model = {"fits": Coupon if "tests" in tree else Fit, "designs": Design}.get(
-        path.parent.name, Study
-    )
+    fit = Coupon if "tests" in tree else Fit
+    models = {"fits": fit, "designs": Design, "validation": Benchmark}
+    model = models.get(path.parent.name, Study)
     schema = json.loads(json_text(model))
     assert list(jsonschema.Draft202012Validator(schema).iter_errors(tree)) == []
 

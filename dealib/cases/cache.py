@@ -17,18 +17,19 @@ from dealib.results.reader import Run
 DONE, FAILED = "done", "not converged"
 
 
-def key(config: Config, fields: str) -> str:
+def key(config: Config, fields: str, also: str = "") -> str:
     """Key of a case: equal for equal physics, mesh file, code and versions of libraries.
 
     Args:
         config: Its config; what it is called and where its results go does not count.
         fields: Which fields are kept.
+        also: What is computed beside the run.
     """
     left_out: Any = {"name": True, "description": True, "output": True, "mesh": {"file"}}
     tree = config.model_dump(mode="json", exclude=left_out)
     file = config.mesh.file
     mesh = file and hashlib.sha256(read_bytes(Path(file), "mesh", 10**9)).hexdigest()
-    parts = [tree, fields, mesh, versions.source(), versions.installed()]
+    parts = [tree, fields, mesh, also, versions.source(), versions.installed()]
     return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()[:16]
 
 

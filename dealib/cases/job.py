@@ -11,13 +11,17 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dealib.config.band import Band
 from dealib.errors import FAULT, DealibError
 from dealib.files import guarded
 
+if TYPE_CHECKING:
+    from dealib.config.case import Case
+
 Report = Callable[[int, int], None]  # step, steps planned
+Work = Callable[["Job", Report | None], None]
 Wanted = tuple[Band, str | None]  # a spectrum, and the stage at whose end; None: the last one
 
 
@@ -44,7 +48,7 @@ class Job:
     folder: Path
     spectrum: Wanted | None = None
     watch: Callable[[Path], Any] | None = None
-    work: Callable[[Job, Report | None], None] | None = None
+    work: Work | None = None
 
     @property
     def directory(self) -> Path:
@@ -85,7 +89,7 @@ def run(job: Job, report: Report | None = None) -> Ended:
     status, error, code = "done", "", 0
     try:
         with _printed_to(job.log):
-            (job.work or _solve)(job, report)
+            (job.work or _run)(job, report)
     except DealibError as problem:
         code, error = problem.exit_code, str(problem)
         status = "not converged" if code == 3 else "failed"
@@ -95,10 +99,23 @@ def run(job: Job, report: Report | None = None) -> Ended:
     return Ended(job, status, error, time.perf_counter() - begin, code)
 
 
-def _solve(job: Job, report: Report | None) -> None:
+def _run(job: Job, report: Report | None) -> None:
+    from dealib.config import load
+
+    solve(load(job.base, job.overrides), job, report)
+
+
+def solve(case: Case, job: Job, report: Report | None, **options: Any) -> None:
+    """Solve the case of a job into its run directory, alone.
+
+    Args:
+        case: The case.
+        job: The job.
+        report: Is told how far it is.
+        options: Of `simulate`.
+    """
     from mpi4py import MPI
 
-    from dealib.config import load
     from dealib.program import simulate
     from dealib.results.info import INFO
 
@@ -110,11 +127,10 @@ def _solve(job: Job, report: Report | None) -> None:
 
     if not (job.directory / INFO).is_file():  # a rest, which `simulate` would not overwrite
         shutil.rmtree(job.directory, ignore_errors=True)
-    case = load(job.base, job.overrides)
     observers: list[Any] = [] if report is None else [_Reporter(report)]
     if job.watch is not None:
         observers.append(job.watch(job.directory))
-    done: Any = {"overwrite": True, "resumable": False, "observers": observers}
+    done: Any = {"overwrite": True, "resumable": False, "observers": observers, **options}
     done |= {"comm": MPI.COMM_SELF, "reuse": _reuse}
     if job.spectrum is None:
         simulate(case, job.directory, **done)

@@ -96,3 +96,36 @@ def uncertainty(
     from dealib.cli.uncertainty import find_uncertainty
 
     find_uncertainty(design, out, cache, jobs, retry, overwrite)
+
+
+@app.command()
+def validate(
+    benchmarks: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[BENCHMARK]...", help="names, files or folders; default all"),
+    ] = None,
+    kind: Annotated[
+        str | None, typer.Option(help="only those against: analytical, code or measured")
+    ] = None,
+    against: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CSV",
+            help="judge the numbers of another code instead (benchmark,quantity,value); nothing is "
+            "solved",
+            readable=False,
+        ),
+    ] = None,
+    jobs: Jobs = None,
+    out: Annotated[Path, typer.Option(help="folder of table and page")] = Path("runs/validation"),
+    cache: CacheFolder = FOLDER,
+    retry: Retry = False,
+) -> None:
+    """Solve benchmarks with known numbers (configs/validation), and compare.
+
+    Prints a table, and writes it as CSV, JSON and a page. Cases solved before are not solved again.
+    Exit code 1: a number is outside its tolerance.
+    """
+    from dealib.cli.validate import run_validation
+
+    run_validation(benchmarks or [], kind, out, cache, jobs, retry, against)

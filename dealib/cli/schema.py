@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import typer
+from pydantic import BaseModel
 
 from dealib.config import reference
 from dealib.config.templates import TEMPLATES, template
@@ -34,12 +35,20 @@ def _text(of: str, page: bool) -> str:
     if of == "design":
         from dealib.design.schema import Design
 
-        head = "# All keys of a design\n\nMade by `dealib schema --of design --reference` from the "
-        head += "schema of `dealib optimise` and `dealib uncertainty`."
-        keys = "\n".join([head, *reference.sections(Design)]) + "\n"
+        keys = _keys(of, "`dealib optimise` and `dealib uncertainty`", Design)
         return keys if page else reference.json_text(Design)
-    known = ("config", "study", "fit", "coupon", "design")
+    if of == "benchmark":
+        from dealib.validation.schema import Benchmark
+
+        keys = _keys(of, "`dealib validate`", Benchmark)
+        return keys if page else reference.json_text(Benchmark)
+    known = ("config", "study", "fit", "coupon", "design", "benchmark")
     raise ConfigError(f"--of {of}: unknown{did_you_mean(of, known)}")
+
+
+def _keys(of: str, commands: str, model: type[BaseModel]) -> str:
+    made = f"Made by `dealib schema --of {of} --reference` from the schema of {commands}."
+    return "\n".join([f"# All keys of a {of}", "", made, *reference.sections(model)]) + "\n"
 
 
 def write_schema(out: Path | None, *, of: str, page: bool, overwrite: bool) -> None:

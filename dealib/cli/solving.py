@@ -181,10 +181,12 @@ def init(
 def schema(
     out: Annotated[Path | None, typer.Option(help="file; default: print")] = None,
     reference: Annotated[bool, typer.Option("--reference", help="page of all keys")] = False,
-    of: Annotated[str, typer.Option(help="config, study, fit, coupon or design")] = "config",
+    of: Annotated[
+        str, typer.Option(help="config, study, fit, coupon, design or benchmark")
+    ] = "config",
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the file")] = False,
 ) -> None:
-    """Print the JSON schema of configs, studies or fits, for editors, or a page of all keys."""
+    """Print the JSON schema of one kind of file, for editors, or a page of all its keys."""
     from dealib.cli.schema import write_schema
 
     write_schema(out, of=of, page=reference, overwrite=overwrite)

@@ -31,7 +31,7 @@ def run_study(path: Path, out: Path | None, cache: Path, jobs: int | None, retry
     """Solve, collect, draw and compare one study or a folder of them."""
     plans, store = _read(path), Cache(cache)
     folder = _folder(out, path, plans)
-    failed = _solve(plans, store, jobs, retry)
+    failed = solve_plans(plans, store, jobs, retry)
     stands = [sweep.statuses(p, store, failed) for p in plans]
     _explain(stands, _report(plans, stands, store, folder, path))
 
@@ -72,7 +72,7 @@ def _sweep(
 
     summary = Summary(plans, store, folder / "summary.csv")
     try:
-        failed = _solve(plans, store, jobs, retry, executor, summary)
+        failed = solve_plans(plans, store, jobs, retry, executor, summary)
     finally:
         summary.write()
     stands = [sweep.statuses(p, store, failed) for p in plans]
@@ -98,18 +98,19 @@ def _folder(out: Path | None, path: Path, plans: list[Plan]) -> Path:
     return folder
 
 
-def _solve(
-    plans: list[Plan],
+def solve_plans(
+    plans: Sequence[Plan],
     store: Cache,
     count: int | None,
     retry: bool,
     executor: Any = None,
     summary: Any = None,
+    of: str = "study",
 ) -> dict[str, Ended]:
     """Solve what is missing, in processes or an executor; returns what failed, by key."""
     jobs = sweep.missing(plans, store, retry)
     cases = sum(len(p.cases) for p in plans)
-    typer.echo(f"{counted(cases, 'case')} in {counted(len(plans), 'study')}; {len(jobs)} to solve")
+    typer.echo(f"{counted(cases, 'case')} in {counted(len(plans), of)}; {len(jobs)} to solve")
     failed: dict[str, Ended] = {}
     done = 0
     workers = 0 if executor is not None else min(count or cores(), len(jobs))

@@ -36,12 +36,14 @@ class Case:
         text: The file as given.
         path: The file.
         overrides: The `key=value` assignments applied on top.
+        within: Key of the file under which the config stands; none: it is the whole file.
     """
 
     config: Config
     text: str
     path: Path
     overrides: tuple[str, ...] = ()
+    within: str = ""
 
     @cached_property
     def resolved(self) -> str:
@@ -59,7 +61,7 @@ class Case:
             yield
         except ValueAt as error:
             try:
-                source = Source(self.path)
+                source = Source(self.path, within=self.within)
                 for assignment in self.overrides:
                     source.override(assignment)
                 message = source.message(error.where, str(error))
@@ -68,18 +70,24 @@ class Case:
             raise ConfigError(message) from None
 
 
-def load(path: str | Path, set: Mapping[str, Any] | Iterable[str] | None = None) -> Case:
+def load(
+    path: str | Path,
+    set: Mapping[str, Any] | Iterable[str] | None = None,
+    *,
+    within: str = "",
+) -> Case:
     """Read and validate a config.
 
     Args:
         path: The YAML file.
         set: Overrides, as a mapping of dotted keys or as 'key=value' texts. A text is read as YAML;
             None is its null: no clamps, no limit.
+        within: Key of the file under which the config stands; none: it is the whole file.
 
     Raises:
         ConfigError: With one message a mistake, each with its place in the file.
     """
-    source = Source(Path(path))
+    source = Source(Path(path), within=within)
     items = set.items() if isinstance(set, Mapping) else ()
     pairs = [f"{k}={_yaml(v)}" for k, v in items] or list(set or ())
     for assignment in pairs:
@@ -97,7 +105,7 @@ def load(path: str | Path, set: Mapping[str, Any] | Iterable[str] | None = None)
         refuse_too_large(config)
     except ValueAt as error:
         raise ConfigError(source.message(error.where, str(error), "key")) from None
-    return Case(config, source.text, source.path, tuple(pairs))
+    return Case(config, source.text, source.path, tuple(pairs), within)
 
 
 def _files(config: Config) -> Iterator[tuple[tuple[str | int, ...], str]]:

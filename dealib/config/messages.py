@@ -78,6 +78,7 @@ _KINDS = {
     "Study": ("study", {"title", "vary", "quantities", "panels", "windows"}, "study"),
     "Fit": ("fit", {"parameters", "data", "method"}, "calibrate"),
     "Design": ("design", {"variables", "quantities", "maximise", "minimise"}, "optimise"),
+    "Benchmark": ("benchmark", {"device", "checks", "curves", "obtained"}, "validate"),
 }
 
 

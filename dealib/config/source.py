@@ -25,12 +25,13 @@ class Source:
     Args:
         path: The file.
         most: Largest size, bytes.
+        within: Key of the file whose section is meant; none: the whole of it.
 
     Raises:
         ConfigError: If the file cannot be read or is no YAML mapping.
     """
 
-    def __init__(self, path: Path, most: int = _MOST) -> None:
+    def __init__(self, path: Path, most: int = _MOST, within: str = "") -> None:
         self.path = path
         self.overridden: dict[Path_, str] = {}
         self.text = read_text(path, "config", most)
@@ -53,6 +54,11 @@ class Source:
             kind = "a list" if isinstance(self.tree, CommentedSeq) else "plain text"
             raise ConfigError(self._at(0, 0, f"expected keys such as 'geometry:', not {kind}"))
         self._refuse(self.tree, ())
+        if within:
+            if not isinstance(self.tree.get(within), CommentedMap):
+                problem = "expected a config here, with keys such as 'geometry:'"
+                raise ConfigError(self.message((within,), problem))
+            self.tree = self.tree[within]
 
     def _refuse(self, node: Any, where: Path_) -> None:
         """Tags such as '!x' have no meaning here, and half an expression is none."""

@@ -11,6 +11,7 @@ import numpy as np
 from dealib.config.schema import Config
 from dealib.errors import did_you_mean
 from dealib.materials.response import response
+from dealib.results import spectra
 from dealib.results.elements import Array
 from dealib.results.reader import Run
 from dealib.results.sampling import Strip
@@ -40,7 +41,9 @@ class Outcome:
 
     @cached_property
     def history(self) -> pandas.DataFrame:
-        """The history of the run, or of the material's test."""
+        """The history of the run or of the material's test, or another table of the run."""
+        if self.run is not None and self.case.table:
+            return spectra.read(self.run.directory / self.case.table)
         if self.run is not None:
             return self.run.history
         import pandas as pd
@@ -64,7 +67,8 @@ class Outcome:
     def _rows(self) -> Rows:
         h = self.history
         names = {str(c): h[c].to_numpy(float) for c in h.columns if c != "stage"}
-        return Rows(names, h["stage"].to_numpy(), self.case.work)
+        stages = h["stage"].to_numpy() if "stage" in h else np.full(len(h), "")
+        return Rows(names, stages, self.case.work)
 
     @cached_property
     def _functions(self) -> Mapping[str, Function]:

@@ -15,6 +15,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from dealib.cases.cache import key
+from dealib.cases.job import Work
 from dealib.config import load
 from dealib.config.messages import problem, validate
 from dealib.config.names import fault
@@ -40,6 +41,8 @@ class Planned:
         base: The config's file.
         overrides: 'key=value' changes of it.
         key: Of all that its results depend on; none for a test of a material.
+        solve: What solves it; none: it is run.
+        table: File of its run directory that expressions read; none: the history.
     """
 
     label: str
@@ -48,6 +51,8 @@ class Planned:
     base: Path
     overrides: tuple[str, ...] = ()
     key: str = ""
+    solve: Work | None = None
+    table: str = ""
 
 
 @dataclass(frozen=True)

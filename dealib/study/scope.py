@@ -98,7 +98,7 @@ def _check(
         for name in sorted(expression.names) if functions is OF_A_CASE else ():
             if name in stages(case.work):
                 raise ValueError(f"{name!r} is a stage; put it in double quotes")
-            if name not in known:
+            if name not in known and not case.table:
                 raise ValueError(f"unknown name {name!r}{did_you_mean(name, known)}")
         for function, arguments in expression.calls:
             for kind, value in zip(functions[function].arguments, arguments, strict=True):

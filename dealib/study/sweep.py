@@ -41,7 +41,8 @@ def missing(plans: Sequence[Plan], cache: Cache, retry: bool = False) -> list[Jo
                 continue
             if not cache.settled(case.key, retry):
                 label = f"{plan.study.name}: {case.label}"
-                jobs[case.key] = Job(label, case.key, case.base, case.overrides, cache.folder)
+                given = (case.base, case.overrides, cache.folder)
+                jobs[case.key] = Job(label, case.key, *given, work=case.solve)
     return list(jobs.values())
 
 

@@ -1,0 +1,1 @@
+"""Benchmarks: devices with reference numbers and tolerances, solved and compared."""
