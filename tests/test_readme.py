@@ -39,7 +39,7 @@ PAGES = [  # whose links must resolve
     *(ROOT / "README.md", *GUIDE, ROOT / "meshes" / "README.md", ROOT / "tests" / "README.md"),
     *sorted((ROOT / "tests").glob("*/README.md")),
     ROOT / "configs" / "validation" / "README.md",
-    *sorted((ROOT / "notebooks").glob("*.ipynb")),
+    *sorted((ROOT / "notebooks").glob("*.*")),
 ]
 CHEAP = {  # no suite within the suite, no more processes than there are, a short film
     "./test": "./test --version",
