@@ -234,15 +234,15 @@ def test_the_helix_hardly_winds_up():
 def test_the_helix_in_motion_hardly_moves():
     """Published is Y = +3.4 mm at 0.52 s, -4.5 at 1.26, +6.0 at 2.07 and 4.1 mm at 2.5 s.
 
-    That is the winding of flat-faced cells again: in closed form a wall without edges and base
-    moves by 0.14 mm after 2.5 s, and by 1.8 mm once all branches have relaxed.
+    As for the helix at rest, a curved wall hardly winds up: in closed form, without edges and base,
+    it moves by 0.14 mm after 2.5 s, and by 1.8 mm once all branches have relaxed.
     """
     h = history("published/helix_in_motion")
     t, tip = h["time_s"].to_numpy(), h["tip_mm"].to_numpy()
     rest = 5.33 * np.sin(6 * np.pi * wound(2.0, stiffness(2.5), 4.8))
     assert rest == pytest.approx(0.14, abs=0.02)
-    assert np.abs(tip).max() < 1.0
-    assert tip[t > 1.5].mean() == pytest.approx(rest, abs=0.3)
+    assert np.abs(tip).max() < 0.6  # it swings about there
+    assert tip[t > 1.5].mean() == pytest.approx(rest, abs=0.1)
     work = h["terminal_work_mJ"].iloc[-1]
     assert h["energy_residual_mJ"].abs().max() < 1e-3 * work
 
@@ -299,8 +299,20 @@ def risen(rate: float, **changes: Any) -> tuple[Any, Any]:
 
 
 def test_the_blister_rises_as_published():
-    """Published is 6.1 times the film's thickness."""
+    """Published is 6.1 times the film's thickness, from an onset near 0.055, at 0.1 kV/s."""
     volts, rise = risen(0.1, program__0__steps=25)
-    assert volts[-1] == pytest.approx(0.2, rel=1e-4)
+    assert volts[-1] == pytest.approx(0.2, rel=1e-3)
     assert rise[-1] == pytest.approx(6.1, abs=READ * 10)
-    assert rise[volts < 0.04].max() < 0.1  # it is flat before it buckles
+    assert rise[volts < 0.05].max() < 0.05  # flat before it buckles
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("rate", "published"), [(0.1, 6.1), (0.01, 7.9), (0.001, 9.0)])
+def test_the_blister_rises_at_three_rates(rate, published):
+    """The slower, the more of the branches relax. Cells of 7.5 mm instead of 12 give 0.4 % less.
+
+    Published onsets near 0.055, 0.04 and 0.03 are those of a film that is less flat: here
+    nothing but the fringes of the electrode's field begins to bend it.
+    """
+    volts, rise = risen(rate)
+    assert rise[-1] == pytest.approx(published, abs=READ * 10)
