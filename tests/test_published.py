@@ -288,7 +288,7 @@ def test_the_six_arms_swing_as_published():
 
 # --- the blister ---------------------------------------------------------------------------------
 
-FILM, SIDE, DISC = 0.612, 150.0, 45.0  # mm: thickness, side, radius of the electrode
+FILM = 0.612  # mm
 UNIT_OF_IT = FILM * (VHB[0] / VHB_PERMITTIVITY) ** 0.5  # kV
 
 
@@ -307,12 +307,15 @@ def test_the_blister_rises_as_published():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("rate", "published"), [(0.1, 6.1), (0.01, 7.9), (0.001, 9.0)])
-def test_the_blister_rises_at_three_rates(rate, published):
+@pytest.mark.parametrize(
+    ("rate", "published", "onset"), [(0.1, 6.1, 0.055), (0.01, 7.9, 0.04), (0.001, 9.0, 0.03)]
+)
+def test_the_blister_rises_at_three_rates(rate, published, onset):
     """The slower, the more of the branches relax. Cells of 7.5 mm instead of 12 give 0.4 % less.
 
-    Published onsets near 0.055, 0.04 and 0.03 are those of a film that is less flat: here
-    nothing but the fringes of the electrode's field begins to bend it.
+    It begins to rise up to a quarter later than published: nothing but the fringes of the
+    electrode's field bends the flat film at first.
     """
     volts, rise = risen(rate)
     assert rise[-1] == pytest.approx(published, abs=READ * 10)
+    assert onset < np.interp(0.5, rise, volts) < 1.3 * onset
