@@ -237,7 +237,7 @@ def test_the_helix_in_motion_hardly_moves():
     As for the helix at rest, a curved wall hardly winds up: in closed form, without edges and base,
     it moves by 0.14 mm after 2.5 s, and by 1.8 mm once all branches have relaxed.
     """
-    h = history("published/helix_in_motion")
+    h = history("published/helix_in_motion", program__0__steps=50)
     t, tip = h["time_s"].to_numpy(), h["tip_mm"].to_numpy()
     rest = 5.33 * np.sin(6 * np.pi * wound(2.0, stiffness(2.5), 4.8))
     assert rest == pytest.approx(0.14, abs=0.02)
@@ -277,7 +277,8 @@ def test_the_six_arms_bend_as_two_layers_do():
 def test_the_six_arms_swing_as_published():
     """Published are +0.3 and -4.9 mm along the arm in five cycles; here in the first two of them.
 
-    The solution over all five is between +0.25 and -4.83 mm, on cells of 5 mm as on those of 8 mm.
+    Over all five it is between +0.24 and -4.86 mm, on cells of 5 mm instead of 8 between +0.25 and
+    -4.83 mm.
     """
     h = history("published/gripper_six", program__0__duration="0.5 s", program__0__steps=100)
     tip = h["tip_mm"]
@@ -313,9 +314,29 @@ def test_the_blister_rises_as_published():
 def test_the_blister_rises_at_three_rates(rate, published, onset):
     """The slower, the more of the branches relax. Cells of 7.5 mm instead of 12 give 0.4 % less.
 
-    It begins to rise up to a quarter later than published: nothing but the fringes of the
+    It begins to rise about a quarter later than published: nothing but the fringes of the
     electrode's field bends the flat film at first.
     """
     volts, rise = risen(rate)
     assert rise[-1] == pytest.approx(published, abs=READ * 10)
     assert onset < np.interp(0.5, rise, volts) < 1.3 * onset
+
+
+# --- the cylinder --------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_the_cylinder_buckles_and_comes_to_rest():
+    """Published is its shape alone. Relaxed, the wall grows by 3 % where nothing hinders it.
+
+    A half ring between fixed feet that grew so into half an ellipse would rise by twice that share
+    of its radius, 1.2 mm.
+    """
+    h = history("published/cylinder", program__0__steps=50)
+    strain = growth(4.0, VHB[0])
+    assert strain == pytest.approx(0.0295, abs=0.0005)
+    last = h.iloc[-1]
+    assert last["tip_mm"] > 2 * (2 * strain * 20)
+    assert 0.4 * 100 * strain < last["end_mm"] < 100 * strain
+    assert last["kinetic_energy_mJ"] < 1e-4 * h["kinetic_energy_mJ"].max()
+    assert h["energy_residual_mJ"].abs().max() < 5e-3 * last["terminal_work_mJ"]
