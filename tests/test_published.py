@@ -330,13 +330,14 @@ def test_the_cylinder_buckles_and_comes_to_rest():
     """Published is its shape alone. Relaxed, the wall grows by 3 % where nothing hinders it.
 
     A half ring between fixed feet that grew so into half an ellipse would rise by twice that share
-    of its radius, 1.2 mm.
+    of its radius, 1.2 mm; this one rises by 3.7 mm. Where it folds is left to chance: with 50 steps
+    it is 4.2 mm, on cells a third longer 3.8 mm. Its end moves by 1.8 to 1.9 mm in each.
     """
-    h = history("published/cylinder", program__0__steps=50)
+    h = history("published/cylinder")
     strain = growth(4.0, VHB[0])
     assert strain == pytest.approx(0.0295, abs=0.0005)
     last = h.iloc[-1]
     assert last["tip_mm"] > 2 * (2 * strain * 20)
     assert 0.4 * 100 * strain < last["end_mm"] < 100 * strain
     assert last["kinetic_energy_mJ"] < 1e-4 * h["kinetic_energy_mJ"].max()
-    assert h["energy_residual_mJ"].abs().max() < 5e-3 * last["terminal_work_mJ"]
+    assert h["energy_residual_mJ"].abs().max() < 2e-3 * last["terminal_work_mJ"]
