@@ -1,7 +1,7 @@
-"""Writes balloon.msh, cone.msh, gripper.msh, helix.msh and fold.msh: `python meshes/make.py`.
+"""Writes the meshes of devices that no laminate describes: `python meshes/make.py`.
 
 With Gmsh's Python interface. Any other program that writes Gmsh's format will do: the names of the
-physical groups are what matters. Lengths are in mm, (x, y) = (R, Z) of the first two.
+physical groups are what matters. Lengths are in mm, (x, y) = (R, Z) of the balloon and the cone.
 """
 
 from __future__ import annotations
@@ -80,6 +80,40 @@ def cone(thickness: float = 0.05, scale: int = 1) -> None:
     shell(corners, names, (60 * scale, 2), ends=0.05)
 
 
+def across(axis: int, at: float) -> list[int]:
+    """Surfaces in a plane across an axis."""
+    low, high = [-1e3] * 3, [1e3] * 3
+    low[axis], high[axis] = at - 1e-6, at + 1e-6
+    return [tag for _, tag in gmsh.model.getEntitiesInBoundingBox(*low, *high, 2)]
+
+
+def two_layers(low: list[int], held: int) -> None:
+    """Draw two layers of 0.5 mm on surfaces at Z = -0.5 mm, name their faces, and mesh them.
+
+    Args:
+        low: The surfaces.
+        held: Where the first of them is held: 0 below, 1 between the layers.
+    """
+    geo = gmsh.model.geo
+    for surface in low:
+        geo.mesh.setRecombine(2, surface)
+    layers = [low]
+    volumes = []
+    for _ in range(2):
+        found = geo.extrude([(2, s) for s in layers[-1]], 0, 0, 0.5, [1], recombine=True)
+        volumes += [tag for dim, tag in found if dim == 3]
+        # of each surface that is drawn up comes first the one above, then the volume
+        layers.append([tag for (_, tag), (dim, _) in pairwise(found) if dim == 3])
+    geo.synchronize()
+    faces = {"held": layers[held][:1], "middle": layers[1], "top": layers[2]}
+    faces |= {"x0": across(0, 0), "y0": across(1, 0)}
+    for name, tags in faces.items():
+        gmsh.model.addPhysicalGroup(2, tags, name=name)
+    gmsh.model.addPhysicalGroup(3, volumes, name="film")
+    gmsh.model.mesh.generate(3)
+    gmsh.model.mesh.setOrder(2)
+
+
 def gripper(size: float = 4.0) -> None:
     """A quarter of a gripper with four arms of 50 mm, of two layers of 0.5 mm each.
 
@@ -98,27 +132,109 @@ def gripper(size: float = 4.0) -> None:
     edge_y = geo.addBezier([top, top, top, near_top, c, c])
     loops = ([oa, ac, -bc, -ob], [along_x, -edge_x, -ac], [bc, -edge_y, -along_y])
     low = [geo.addPlaneSurface([geo.addCurveLoop(loop)]) for loop in loops]
+    two_layers(low, 0)
+
+
+def gripper_six(size: float = 8.0, pin: float = 0.5) -> None:
+    """A quarter of a gripper with six arms of 50 mm, of two layers of 0.5 mm each.
+
+    Second-order hexahedra on quadrilaterals, one through each layer. It is held at its centre, on a
+    small square of the middle plane.
+
+    Args:
+        size: Of the quadrilaterals.
+        pin: Side of the square, in this quarter.
+    """
+    geo = gmsh.model.geo
+    gmsh.option.setNumber("Mesh.RecombinationAlgorithm", 3)  # quadrilaterals alone
+
+    def point(x: float, y: float) -> int:
+        return geo.addPoint(x, y, -0.5, size)
+
+    def arm(*corners: tuple[float, float]) -> list[int]:
+        """Places along the parabola from the first to the third, with tangents to the second."""
+        (a, b, c), shares = corners, [k / 16 for k in range(1, 16)]
+        places = (
+            [(1 - t) ** 2 * a[k] + 2 * t * (1 - t) * b[k] + t**2 * c[k] for k in (0, 1)]
+            for t in shares
+        )
+        return [point(*xy) for xy in places]
+
+    valley, tip, inner, top = (18.45, 0.0), (43.3, 25.0), (9.22, 15.97), (0.0, 50.0)
+    ends = [point(*xy) for xy in (valley, tip, inner, top)]
+    sides = ((valley, (45.58, 20.54), tip), (tip, (40.58, 29.21), inner), (inner, (5, 49.74), top))
+    curves = [geo.addSpline([ends[k], *arm(*side), ends[k + 1]]) for k, side in enumerate(sides)]
+    corners = [geo.addPoint(x, y, -0.5, pin) for x, y in ((0, 0), (pin, 0), (pin, pin), (0, pin))]
+    square = [geo.addLine(*pair) for pair in pairwise([*corners, corners[0]])]
+    along_x, along_y = geo.addLine(corners[1], ends[0]), geo.addLine(ends[3], corners[3])
+    loops = (square, [along_x, *curves, along_y, -square[2], -square[1]])
+    two_layers([geo.addPlaneSurface([geo.addCurveLoop(loop)]) for loop in loops], 1)
+
+
+def blister(size: float = 12.0) -> None:
+    """A quarter of a square film of 150 mm, 0.612 mm thick, with a round electrode of 90 mm on top.
+
+    Second-order hexahedra on quadrilaterals, one through the film.
+
+    Args:
+        size: Of the quadrilaterals.
+    """
+    geo = gmsh.model.geo
+    gmsh.option.setNumber("Mesh.RecombinationAlgorithm", 3)  # quadrilaterals alone
+    places = ((0, 0), (45, 0), (75, 0), (75, 75), (0, 75), (0, 45))
+    o, *outer = (geo.addPoint(*xy, 0, size) for xy in places)
+    rim = geo.addCircleArc(outer[0], o, outer[-1])
+    lines = [geo.addLine(*ends) for ends in pairwise([o, *outer, o])]
+    loops = ([lines[0], rim, lines[5]], [*lines[1:5], -rim])
+    low = [geo.addPlaneSurface([geo.addCurveLoop(loop)]) for loop in loops]
     for surface in low:
         geo.mesh.setRecombine(2, surface)
-    layers = [low]
-    volumes = []
-    for _ in range(2):
-        found = geo.extrude([(2, s) for s in layers[-1]], 0, 0, 0.5, [1], recombine=True)
-        volumes += [tag for dim, tag in found if dim == 3]
-        # of each surface that is drawn up comes first the one above, then the volume
-        layers.append([tag for (_, tag), (dim, _) in pairwise(found) if dim == 3])
+    found = geo.extrude([(2, s) for s in low], 0, 0, 0.612, [1], recombine=True)
+    volumes = [tag for dim, tag in found if dim == 3]
     geo.synchronize()
-    faces = {"held": low[:1], "middle": layers[1], "top": layers[2]}
-    for name, axis in (("x0", 0), ("y0", 1)):
-        inside = [-1e-6] * 3, [1e-6 if k == axis else 60.0 for k in range(3)]
-        inside[0][2] = -0.6
-        found = gmsh.model.getEntitiesInBoundingBox(*inside[0], *inside[1], 2)
-        faces[name] = [tag for _, tag in found]
+    faces = {
+        "bottom": low, "electrode": [found[0][1]],
+        "x0": across(0, 0), "y0": across(1, 0), "held": across(0, 75) + across(1, 75),
+    }  # fmt: skip
     for name, tags in faces.items():
         gmsh.model.addPhysicalGroup(2, tags, name=name)
     gmsh.model.addPhysicalGroup(3, volumes, name="film")
     gmsh.model.mesh.generate(3)
     gmsh.model.mesh.setOrder(2)
+
+
+def cylinder(around: int = 8, along: int = 16) -> None:
+    """A quarter of a cylinder 100 mm long between the radii 19.75 and 20.25 mm.
+
+    Second-order hexahedra, a box whose nodes are moved to where they belong. At Y = 0 the innermost
+    tenth of the wall is a cell of its own, on which the cylinder can be hinged.
+
+    Args:
+        around: Cells in the quarter.
+        along: Cells over its length.
+    """
+    geo, mesh = gmsh.model.geo, gmsh.model.mesh
+    ends = [geo.addPoint(r, 0, 0) for r in (19.75, 19.8, 20.25)]
+    lines = [geo.addLine(*pair) for pair in pairwise(ends)]
+    for line in lines:
+        geo.mesh.setTransfiniteCurve(line, 2)
+    walls = geo.extrude([(1, k) for k in lines], 0, 0, 100, [along], recombine=True)
+    inner, outer = walls[1][1], walls[5][1]
+    found = geo.extrude([(2, inner), (2, outer)], 0, 1, 0, [around], recombine=True)
+    geo.synchronize()
+    faces = {
+        "hinge": [inner], "x0": [found[0][1], found[6][1]], "base": across(2, 0),
+        "inside": across(0, 19.75), "outside": across(0, 20.25),
+    }  # fmt: skip
+    for name, tags in faces.items():
+        gmsh.model.addPhysicalGroup(2, tags, name=name)
+    gmsh.model.addPhysicalGroup(3, [found[1][1], found[7][1]], name="film")
+    mesh.generate(3)
+    mesh.setOrder(2)
+    tags, places, _ = mesh.getNodes()
+    for tag, (r, turned, z) in zip(tags, places.reshape(-1, 3), strict=True):
+        t = pi / 2 * turned
+        mesh.setNode(tag, [r * cos(t), r * sin(t), z], [])
 
 
 def helix(turns: int = 3, sectors: int = 24, across: int = 4) -> None:
@@ -212,7 +328,10 @@ def write(path: Path, draw: Callable[[], Any]) -> Path:
 if __name__ == "__main__":
     here = Path(__file__).parent
     write(here / "balloon.msh", balloon)
+    write(here / "blister.msh", blister)
     write(here / "cone.msh", cone)
+    write(here / "cylinder.msh", cylinder)
     write(here / "gripper.msh", gripper)
+    write(here / "gripper_six.msh", gripper_six)
     write(here / "helix.msh", helix)
     write(here / "fold.msh", fold)
