@@ -35,7 +35,6 @@ CASES = (
     Case("membrane-yeoh_permittivity", membrane_laws.elastosil, slow=True),
     Case("membrane-gent", membrane_laws.gent, slow=True),
     Case("membrane-ogden", membrane_laws.ogden, slow=True),
-    Case("strips-alone", strips.alone),
     Case("strips-in_air", strips.in_air, slow=True),
     Case("strips-air_stiffness", strips.air_stiffness, slow=True),
     Case("sphere", sphere.rows),
