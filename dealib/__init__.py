@@ -19,11 +19,19 @@ if TYPE_CHECKING:
     from dealib.design.optimise import optimise
     from dealib.design.sensitivity import sensitivities
     from dealib.design.uncertainty import uncertainty
-    from dealib.errors import ConfigError, DealibError, Interrupted, NotConverged
+    from dealib.errors import ConfigError, DealibError, Interrupted, NotConverged, PlatformError
     from dealib.program import Simulation, State, simulate
     from dealib.results.reader import Run
     from dealib.results.reader import Run as open
     from dealib.results.tables import load as tables
+    from dealib.tasks.doctor import doctor
+    from dealib.tasks.files import reference, schema, template
+    from dealib.tasks.info import describe
+    from dealib.tasks.measuring import calibrate, compare, known_materials, law, read_data, sense
+    from dealib.tasks.pictures import animate, plot, show, write_report
+    from dealib.tasks.progress import Progress
+    from dealib.tasks.solving import bias, export_tables, modes, respond, write_mesh
+    from dealib.tasks.studies import run_study
     from dealib.validation.suite import validate
 
 __all__ = [
@@ -32,17 +40,40 @@ __all__ = [
     "DealibError",
     "Interrupted",
     "NotConverged",
+    "PlatformError",
+    "Progress",
     "Run",
     "Simulation",
     "State",
+    "animate",
+    "bias",
+    "calibrate",
+    "compare",
+    "describe",
+    "doctor",
+    "export_tables",
+    "known_materials",
+    "law",
     "load",
+    "modes",
     "open",
     "optimise",
+    "plot",
+    "read_data",
+    "reference",
+    "respond",
+    "run_study",
+    "schema",
+    "sense",
     "sensitivities",
+    "show",
     "simulate",
     "tables",
+    "template",
     "uncertainty",
     "validate",
+    "write_mesh",
+    "write_report",
 ]
 
 prepare()  # before numpy loads its BLAS
@@ -55,6 +86,7 @@ _LAZY = {
     "DealibError": ("dealib.errors", "DealibError"),
     "Interrupted": ("dealib.errors", "Interrupted"),
     "NotConverged": ("dealib.errors", "NotConverged"),
+    "PlatformError": ("dealib.errors", "PlatformError"),
     "Run": ("dealib.results.reader", "Run"),
     "open": ("dealib.results.reader", "Run"),
     "tables": ("dealib.results.tables", "load"),
@@ -64,11 +96,37 @@ _LAZY = {
     "Simulation": ("dealib.program", "Simulation"),
     "State": ("dealib.program", "State"),
     "simulate": ("dealib.program", "simulate"),
+    "Progress": ("dealib.tasks.progress", "Progress"),
+    "bias": ("dealib.tasks.solving", "bias"),
+    "export_tables": ("dealib.tasks.solving", "export_tables"),
+    "modes": ("dealib.tasks.solving", "modes"),
+    "respond": ("dealib.tasks.solving", "respond"),
+    "write_mesh": ("dealib.tasks.solving", "write_mesh"),
+    "animate": ("dealib.tasks.pictures", "animate"),
+    "plot": ("dealib.tasks.pictures", "plot"),
+    "show": ("dealib.tasks.pictures", "show"),
+    "write_report": ("dealib.tasks.pictures", "write_report"),
+    "calibrate": ("dealib.tasks.measuring", "calibrate"),
+    "compare": ("dealib.tasks.measuring", "compare"),
+    "known_materials": ("dealib.tasks.measuring", "known_materials"),
+    "law": ("dealib.tasks.measuring", "law"),
+    "read_data": ("dealib.tasks.measuring", "read_data"),
+    "sense": ("dealib.tasks.measuring", "sense"),
+    "run_study": ("dealib.tasks.studies", "run_study"),
+    "reference": ("dealib.tasks.files", "reference"),
+    "schema": ("dealib.tasks.files", "schema"),
+    "template": ("dealib.tasks.files", "template"),
+    "doctor": ("dealib.tasks.doctor", "doctor"),
+    "describe": ("dealib.tasks.info", "describe"),
     "validate": ("dealib.validation.suite", "validate"),
 }
 
 
 def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("dealib")
     if name not in _LAZY:
         raise AttributeError(f"module 'dealib' has no attribute {name!r}")
     module, attribute = _LAZY[name]
@@ -76,4 +134,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted([*__all__, "__version__"])

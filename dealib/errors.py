@@ -3,10 +3,41 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 FAULT = 70  # exit code of what nobody foresaw: EX_SOFTWARE of sysexits.h
+
+
+_callers = ["Python"]  # who called dealib, the last one counts
+
+
+@contextmanager
+def on_command_line() -> Iterator[None]:
+    """Speak to somebody at the command line while the context lasts, else to a program."""
+    _callers.append("command line")
+    try:
+        yield
+    finally:
+        _callers.pop()
+
+
+def by_caller(command_line: str, python: str) -> str:
+    """Words for whoever called: with options of the command line, or with arguments of Python."""
+    return python if _callers[-1] == "Python" else command_line
+
+
+def in_the_way(path: Path) -> str:
+    """What to say of a file or directory of results that is there already."""
+    ways = by_caller("choose another --out, or --overwrite it", "choose another, or overwrite=True")
+    return f"{path} exists; {ways}"
+
+
+def anew() -> str:
+    """How to replace what cannot be gone on with."""
+    return "start anew with " + by_caller("--overwrite", "overwrite=True")
 
 
 def first_line(error: BaseException) -> str:

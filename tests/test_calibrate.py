@@ -3,6 +3,7 @@
 import csv
 import re
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -236,11 +237,13 @@ def test_bounds_are_kept_and_told(tmp_path):
 
 
 def test_no_success_is_an_exit_code(tmp_path):
-    from dealib.cli.calibrate import _tell
+    from dealib.cli.calibrate import tell
 
     plan = line_fit(tmp_path, text=FIT.replace("max: 9", "max: 2.5"))
+    fitted = replace(fit(plan), directory=tmp_path)
+    report.write_report(fitted, tmp_path)
     with pytest.raises(NotConverged, match="line: the fit is no success: At its bound") as error:
-        _tell(fit(plan), tmp_path)
+        tell(fitted)
     assert error.value.exit_code == 3
     assert "NO SUCCESS" in (tmp_path / "report.txt").read_text().splitlines()[0]
     assert "NO SUCCESS" in (tmp_path / "report.md").read_text()

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from conftest import CONFIGS
 
-from dealib.cli import doctor
 from dealib.fem import compat
+from dealib.tasks import doctor
 
 PROBES = ["packages", "compiler", "solver", "MPI", "3-D pictures", "movies"]
 

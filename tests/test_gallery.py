@@ -39,8 +39,8 @@ from verification.references import (
 from verification.references.laws import Film, derivative, gent, neo_hooke
 
 import dealib
-from dealib.cli.info import summary
-from dealib.cli.progress import Progress
+from dealib.tasks.info import summary
+from dealib.tasks.progress import Progress
 
 Array = npt.NDArray[np.float64]
 

@@ -267,7 +267,7 @@ def test_signal_finishes_the_step_and_says_how_to_go_on(tmp_path, whole, sent, c
     run = dealib.open(directory)
     assert run.status == "interrupted"
     assert 4 <= len(run.history) < STEPS
-    from dealib.cli.info import describe
+    from dealib.tasks.info import describe
 
     assert describe(run).splitlines()[0] == "run (small): interrupted"
     assert f"go on with: {go_on}" in describe(run)

@@ -27,7 +27,10 @@ from dealib.cli.app import app
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 GUIDE = sorted((ROOT / "notebooks" / "guide").glob("*.md"))
-SHOWN = "\n".join([README, *(page.read_text(encoding="utf-8") for page in GUIDE)])
+RUN_BESIDE = {"python.md"}  # in a folder of its own (`test_python.py`)
+SHOWN = "\n".join(
+    [README, *(p.read_text(encoding="utf-8") for p in GUIDE if p.name not in RUN_BESIDE)]
+)
 FENCED = re.findall(r"^```(\w+)\n(.*?)^```$", SHOWN, re.MULTILINE | re.DOTALL)
 YAML = [text for language, text in FENCED if language == "yaml"]
 PYTHON = [text for language, text in FENCED if language == "python"]

@@ -1,6 +1,7 @@
 """Schema, reference page and templates: current, and in agreement with what `check` accepts."""
 
 import json
+import re
 from pathlib import Path
 
 import jsonschema
@@ -17,7 +18,9 @@ from dealib.cli.app import app
 from dealib.config.reference import MODELINE, json_text, reference
 from dealib.config.templates import TEMPLATES
 from dealib.design.schema import Design
-from dealib.observe.quantities import QUANTITIES
+from dealib.observe.quantities import QUANTITIES, columns
+from dealib.observe.reference import MEANINGS
+from dealib.observe.reference import page as page_of_columns
 from dealib.study.expressions import COMMON, KINDS, OF_A_CASE, OF_ALL_CASES
 from dealib.study.schema import MaterialTest, Study
 from dealib.validation.schema import Benchmark
@@ -33,6 +36,12 @@ def call(*arguments):
     done = CliRunner().invoke(app, list(map(str, arguments)))
     assert done.exit_code == 0, done.output
     return done.output
+
+
+def call_fails(*arguments):
+    done = CliRunner().invoke(app, list(arguments))
+    assert isinstance(done.exception, dealib.ConfigError)
+    return str(done.exception)
 
 
 def test_committed_files_are_current():
@@ -216,3 +225,40 @@ def test_overrides_are_values_of_python():
     assert config.materials["film"].prestretch == (1.1, 1.2)
     assert config.program[0].terminal.voltage == (0, 1)
     assert config.directory == "runs/a: b"
+
+
+def test_page_of_columns_is_current_and_whole():
+    page = call("schema", "--of", "history", "--reference")
+    file = CONFIGS.parent / "notebooks" / "guide" / "columns.md"
+    again = f"run: dealib schema --of history --reference --overwrite --out {file}"
+    assert file.read_text() == page, again
+    assert set(MEANINGS) == {quantity.name for quantity in QUANTITIES}
+    assert call_fails("schema", "--of", "history").startswith("--of history: there is no schema")
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("benchmark_strip", {"limits.breakdown_strength": "90 MV/m", "output.modes": 1}),
+        ("devices/segmented_annulus", {}),
+        ("devices/diaphragm_pump", {}),
+        ("dynamics/pump_cycle", {}),
+        ("devices/positioning_stage", {}),
+    ],
+)
+def test_every_column_of_a_history_is_on_the_page(name, changes):
+    """Of all columns that these devices can write, without solving them."""
+    config = dealib.load(CONFIGS / f"{name}.yaml", set=changes).config
+    told = set(re.findall(r"^\| `(\w+)", page_of_columns(), re.MULTILINE))
+    own = {*(config.probes or ())}
+    for column in columns(config):
+        stem = column.partition(".")[0]
+        assert stem in told or any(stem.startswith(probe) for probe in own), column
+
+
+def test_a_solved_history_has_the_columns_of_the_page():
+    case = dealib.load(CONFIGS.parent / "tests" / "small.yaml", set={"output.modes": 1})
+    told = set(re.findall(r"^\| `(\w+)", page_of_columns(), re.MULTILINE))
+    first = next(iter(dealib.Simulation(case)))
+    assert len(first.row) > 20
+    assert set(first.row) <= told

@@ -14,7 +14,7 @@ import typer
 
 from dealib.app import drawing
 from dealib.config.case import Case
-from dealib.errors import ConfigError, DealibError, PlatformError
+from dealib.errors import ConfigError, DealibError, PlatformError, by_caller
 from dealib.plots.labels import label
 from dealib.plots.shape import typical_step
 from dealib.results.reader import Run
@@ -203,8 +203,10 @@ def serve(app: Any, port: int) -> str:
         listening.bind((_HOST, port))
         listening.listen()
     except OSError as error:
-        hint = "choose another one, or leave --port out"
-        raise ConfigError(f"--port {port}: {error.strerror}; {hint}") from None
+        hint = f"choose another one, or leave {by_caller('--port', 'port')} out"
+        raise ConfigError(
+            f"{by_caller('--port', 'port')} {port}: {error.strerror}; {hint}"
+        ) from None
 
     @app.server.before_request
     def _for_this_machine() -> None:

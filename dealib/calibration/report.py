@@ -9,7 +9,7 @@ import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from dealib.calibration.reach import LEAST, inside, mirrored
 from dealib.calibration.task import Found
 from dealib.data.names import split_unit
 from dealib.files import write_text
+
+if TYPE_CHECKING:
+    import pandas
 
 Table = tuple[Sequence[str], list[Sequence[str]]]
 PICTURE = "curves.png"
@@ -29,7 +32,7 @@ _STYLE = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Fitted:
     """A fit and what is written of it.
 
@@ -43,6 +46,7 @@ class Fitted:
         files: Texts of further files by name.
         draw: Draws the curves into a file.
         material: Entry of a library, of a coupon fit.
+        directory: Where its report is, once it is written.
     """
 
     name: str
@@ -54,6 +58,24 @@ class Fitted:
     files: dict[str, str]
     draw: Callable[[Path], None]
     material: dict[str, Any] | None = None
+    directory: Path | None = None
+
+    def __repr__(self) -> str:
+        return f"<Fitted {self.name}: {headline(self)}>"
+
+    @property
+    def failures(self) -> list[str]:
+        """Why the fit is no success; empty if it is one."""
+        return failures(self.found)
+
+    @property
+    def table(self) -> pandas.DataFrame:
+        """The parameters with their values, errors, intervals and units."""
+        import pandas as pd
+
+        columns = ("value", "error", "low", "high", "unit")
+        rows = {e.key: [getattr(e, n) for n in columns] for e in self.found.estimates}
+        return pd.DataFrame.from_dict(rows, orient="index", columns=list(columns))
 
 
 def write_report(fitted: Fitted, directory: Path) -> None:

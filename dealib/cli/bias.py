@@ -7,15 +7,14 @@ from pathlib import Path
 import typer
 
 from dealib.config.case import Case
-from dealib.errors import ConfigError
 from dealib.results.bias import BiasChart
-from dealib.units import sensible
+from dealib.tasks.solving import bias
 
 
 def draw_chart(
     case: Case,
     voltage: str | None,
-    reach: str | None,
+    reach: tuple[str, ...] | None,
     out: Path | None,
     dark: bool,
     overwrite: bool,
@@ -27,16 +26,12 @@ def draw_chart(
     """
     from dealib.plots import style
 
-    volts = None if voltage is None else _quantity("--voltage", voltage, "voltage")
-    ends = None if reach is None else _reach(reach)
     picture = out or Path(f"{case.config.name}-bias.png")
     tables = [picture.with_suffix(".csv"), picture.with_name(f"{picture.stem}-equilibria.csv")]
     style.check_target(picture, style.FORMATS, overwrite)
     for table in tables:
         style.check_target(table, (".csv",), overwrite)
-    from dealib.program.bias_chart import chart
-
-    found = chart(case, volts, ends)
+    found = bias(case, voltage, reach)
     found.write(*tables)
     from dealib.plots.bias import draw_bias
 
@@ -66,17 +61,3 @@ def describe(chart: BiasChart) -> list[str]:
             f"to {stroke.end.displacement:.6f} mm{back}"
         )
     return lines + [f"{note}; see --reach" for note in chart.notes()]
-
-
-def _quantity(option: str, text: str, dimension: str) -> float:
-    try:
-        return sensible(text, dimension)
-    except ValueError as error:
-        raise ConfigError(f"{option}: {error}") from None
-
-
-def _reach(text: str) -> tuple[float, float]:
-    ends = sorted(_quantity("--reach", part, "length") for part in text.split(","))
-    if len(ends) != 2 or ends[0] == ends[1]:
-        raise ConfigError("--reach: expected two displacements, such as '-4 mm, 0 mm'")
-    return ends[0], ends[1]

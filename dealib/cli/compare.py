@@ -8,17 +8,15 @@ from typing import Any
 
 import numpy as np
 import typer
-from pydantic import ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from dealib.config.messages import problem
-from dealib.data.compare import Comparison, compare, remedy
-from dealib.data.measured import measured
+from dealib.data.compare import Comparison, remedy
 from dealib.data.names import split_unit
 from dealib.data.schema import Selection
 from dealib.errors import ConfigError
 from dealib.results.reader import Run
+from dealib.tasks.measuring import against, selection
 
 _MOST_BRANCHES = 8  # lines of branches that are printed of a curve
 
@@ -48,14 +46,10 @@ def compare_run(
         from dealib.plots.style import FORMATS, check_target
 
         check_target(out, FORMATS, overwrite)
-    history = {str(name): run.history[name].to_numpy() for name in run.history}
-    numeric = [name for name, values in history.items() if values.dtype.kind in "fi"]
     found: list[Comparison] = []
     titles: list[str] = []
     for file in files:
-        selection = chosen(file, wanted, settings)
-        data = measured(file, numeric, selection)
-        curves = compare(history, data, selection.stage)
+        data, curves, history = against(run, file, chosen(file, wanted, settings))
         typer.echo("\n".join([data.account, *table(curves), *_outside(curves, history)]))
         found += curves
         titles += [f"{run.info['name']}, {file.name}"] * len(curves)
@@ -82,26 +76,16 @@ def chosen(file: Path, wanted: dict[str, Any], settings: Sequence[str]) -> Selec
     Raises:
         ConfigError: If an option is wrong.
     """
-    tree: dict[str, Any] = {"file": str(file), **wanted}
+    keys = dict(wanted)
     for setting in settings:
         key, sign, text = setting.partition("=")
-        *above, last = key.strip().split(".")
-        node: Any = tree
-        for part in above:
-            node = node.setdefault(part, {}) if isinstance(node, dict) else None
-        if not sign or not last or not isinstance(node, dict):
+        if not sign or "" in key.strip().split("."):
             raise ConfigError(f"--set {setting}: expected KEY=VALUE, such as prepare.force.sign=-1")
         try:
-            node[last] = YAML(typ="safe", pure=True).load(text)
+            keys[key.strip()] = YAML(typ="safe", pure=True).load(text)
         except (YAMLError, ValueError):
-            node[last] = text
-    try:
-        return Selection.model_validate(tree)
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(map(str, first["loc"]))
-        said = problem(dict(first), Selection)
-        raise ConfigError(f"{where}: {said}" if where else said) from None
+            keys[key.strip()] = text
+    return selection(file, keys)
 
 
 def table(comparisons: list[Comparison]) -> list[str]:

@@ -7,38 +7,19 @@ from pathlib import Path
 import numpy as np
 import typer
 
-from dealib.cli.run import solve
+from dealib.cli.run import explained, watched
 from dealib.config.case import Case
-from dealib.config.size import refuse_full_disk
-from dealib.errors import ConfigError
-from dealib.export.fmu import compiler, write_fmu
-from dealib.program.tables import tables_case
-from dealib.results.tables import Tables, collect
+from dealib.results.tables import Tables
+from dealib.tasks.solving import export_tables
 
 
 def export(case: Case, out: Path | None, *, fmu: bool, overwrite: bool, resume: bool) -> None:
-    """Solve the states of a config's tables, and write the tables beside them, and an FMU.
-
-    Raises:
-        ConfigError: If the config has no `tables`, or the directory exists.
-        NotConverged: If a state failed; the others are kept.
-        PlatformError: If an FMU cannot be compiled.
-    """
-    if overwrite and resume:
-        raise ConfigError("--overwrite and --resume exclude each other")
-    walk = tables_case(case, fmu)
-    if fmu:
-        compiler()  # before all the work
+    """Write the tables of a case, and how well they know what lies between their nodes."""
     directory = out or Path(f"{case.config.directory}-tables")
-    refuse_full_disk(walk.config, directory)
-    run = solve(walk, directory, overwrite=overwrite, resume=resume)
-    tables = collect(run)
-    for path in tables.save(directory):
-        typer.echo(str(path))
+    given = {"fmu": fmu, "overwrite": overwrite, "resume": resume}
+    with explained(directory):
+        tables = export_tables(case, directory, tell=typer.echo, **given, **watched())
     typer.echo(_between(tables))
-    if fmu:
-        path = directory / f"{case.config.name}.fmu"
-        typer.echo(f"{path}: {write_fmu(path, run, tables, case.config)}")
 
 
 def _between(tables: Tables) -> str:

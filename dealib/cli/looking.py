@@ -27,18 +27,19 @@ def doctor() -> None:
 
     Exit code 4 if something fails that dealib needs.
     """
-    from dealib.cli.doctor import examine
+    from dealib.tasks.doctor import doctor as examine
 
-    examine()
+    examine(typer.echo)
 
 
 @app.command()
 def info(run: RunDirectory) -> None:
     """Print what a run directory holds: status, summary, versions, timings."""
-    from dealib.cli.info import describe
+    from dealib.cli.run import loud
     from dealib.results.reader import Run
+    from dealib.tasks.info import describe
 
-    typer.echo(describe(Run(run)))
+    typer.echo(describe(Run(run), loud))
 
 
 @app.command()
@@ -150,9 +151,17 @@ def plot(
     A picture in RUN/plots/ replaces the one of the same name there; --out replaces nothing unless
     --overwrite is given.
     """
-    from dealib.cli.plot import plot as draw
+    from dealib.plots import style
+    from dealib.tasks.pictures import as_runs, default, drawn
 
-    typer.echo(draw(runs, x, y or [], field, profile or [], revolved, step, out, dark, overwrite))
+    found = as_runs(runs)
+    if out is not None:
+        style.check_target(out, style.FORMATS, overwrite)
+    given = (x, y or (), field, profile or (), revolved, step, dark)
+    with drawn(found, *given) as (figure, name):
+        target = out or default(found, name, dark)
+        style.save(figure, target)
+    typer.echo(str(target))
 
 
 @app.command()
@@ -168,9 +177,9 @@ def animate(
     overwrite: Overwrite = False,
 ) -> None:
     """Animate the deforming device beside its input curves."""
-    from dealib.cli.animate import animate as draw
+    from dealib.tasks.pictures import animate as draw
 
-    typer.echo(draw(run, field or [], out, seconds, dark, overwrite))
+    typer.echo(draw(run, field or (), out, seconds=seconds, dark=dark, overwrite=overwrite))
 
 
 @app.command()
@@ -190,9 +199,9 @@ def report(
     if path.suffix in (".yaml", ".yml"):
         study(path, out=out)
         return
-    from dealib.cli.report import report as write
+    from dealib.tasks.pictures import write_report
 
-    typer.echo(write(path, out, overwrite))
+    typer.echo(write_report(path, out, overwrite=overwrite))
 
 
 @app.command("app")
@@ -211,19 +220,19 @@ def sliders(
     Laminates are solved as membranes, then the solid tells how far these are off; others as soon as
     they are solved. What is beyond a limit is red. A button saves the state as a YAML file here.
     """
-    from dealib.app.page import show
     from dealib.config import load
+    from dealib.tasks.pictures import show
 
-    show(load(config, set), key or [], port, browser)
+    show(load(config, set), key or (), port=port, browser=browser)
 
 
 @app.command()
 def view(run: RunDirectory, port: Port = 0, browser: Browser = True) -> None:
     """Show a run in the browser: curves, margins, fields on the deformed device, cuts."""
-    from dealib.app.page import view as show
     from dealib.results.reader import Run
+    from dealib.tasks.pictures import show
 
-    show(Run(run), port, browser)
+    show(Run(run), port=port, browser=browser)
 
 
 @app.command()
@@ -284,7 +293,8 @@ def bias(
     from dealib.cli.bias import draw_chart
     from dealib.config import load
 
-    draw_chart(load(config, set), voltage, reach, out, dark, overwrite)
+    ends = None if reach is None else tuple(reach.split(","))
+    draw_chart(load(config, set), voltage, ends, out, dark, overwrite)
 
 
 @app.command()

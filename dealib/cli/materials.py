@@ -6,11 +6,11 @@ import textwrap
 from pathlib import Path
 
 import typer
-from pydantic import ValidationError
 
 from dealib.errors import ConfigError, did_you_mean
 from dealib.materials.laws import LAWS, Law
 from dealib.materials.published import library
+from dealib.tasks import measuring
 
 
 def list_laws() -> str:
@@ -36,30 +36,13 @@ def given_law(name: str, settings: list[str]) -> Law:
     Raises:
         ConfigError: If the law or a parameter is unknown or wrong.
     """
-    entry = library().get(name)
-    if name not in LAWS and entry is None:
-        hint = did_you_mean(name, [*LAWS, *library()])
-        raise ConfigError(f"unknown law or material {name!r}{hint}")
-    law, values = (LAWS[name] if entry is None else entry.law), {}
+    values = {}
     for setting in settings:
         key, sign, value = setting.partition("=")
-        key = key.strip()
         if not sign:
             raise ConfigError(f"--set {setting}: expected KEY=VALUE, such as c10='0.25 MPa'")
-        if key not in law.model_fields or key == "law":
-            known = (*law.names(), "youngs_modulus")
-            raise ConfigError(f"--set {setting}: unknown parameter{did_you_mean(key, known)}")
-        values[key] = value.strip()
-    try:
-        if entry is not None:
-            return law.model_validate(entry.with_changes(values, ()))
-        return law.model_validate({"law": name} | (values or law.example()))
-    except ValidationError as error:
-        found = [
-            f"{'.'.join(map(str, e['loc']))}: {e['msg'].removeprefix('Value error, ')}".lstrip(": ")
-            for e in error.errors()
-        ]
-        raise ConfigError(f"{name}: " + "; ".join(found)) from None
+        values[key.strip()] = value.strip()
+    return measuring.law(name, **values)
 
 
 def law_of_config(path: Path, region: str) -> tuple[str, Law]:

@@ -10,14 +10,14 @@ from mpi4py import MPI
 
 import typer
 
-from dealib.cli.plot import default
-from dealib.cli.run import solve
+from dealib.cli.run import explained, watched
 from dealib.config.case import Case
-from dealib.config.size import refuse_full_disk
 from dealib.errors import PlatformError
-from dealib.program.modes import Watch, at_rest
+from dealib.program.modes import mode_told
 from dealib.results import spectra
 from dealib.results.reader import Run
+from dealib.tasks.pictures import default
+from dealib.tasks.solving import modes
 
 log = logging.getLogger(__name__)
 
@@ -30,29 +30,14 @@ def find_modes(
     out: Path | None,
     overwrite: bool,
 ) -> None:
-    """Run a case, find the modes, write and draw them, and print where they are.
-
-    Raises:
-        ConfigError: If a stage or a density is missing, or the directory exists.
-        NotConverged: If a step failed; what was found before is kept.
-    """
-    watch = Watch(stages, along, count)
-    still = at_rest(case, [*stages, *([along] if along is not None else [])])
+    """Find the modes of a case, draw them, and print where they are (see `tasks.solving.modes`)."""
     directory = out or Path(f"{case.config.directory}-modes")
-    refuse_full_disk(still.config, directory)
-    first = MPI.COMM_WORLD.rank == 0
-    try:
-        run = solve(still, directory, overwrite=overwrite, look=watch)
-    finally:
-        if first and watch.rows:
-            spectra.write(directory / spectra.MODES, watch.rows)
-        if first and watch.curve:
-            spectra.write(directory / spectra.FREQUENCIES, watch.curve)
-    watch.check()
-    if first:
-        spectra.write_shapes(run)
+    with explained(directory):
+        run = modes(case, stages, along, count, directory, overwrite=overwrite, **watched())
+    if MPI.COMM_WORLD.rank == 0:
+        told = [mode_told(dict(row)) for _, row in run.table("modes").iterrows()]
         pictures = _draw(run, along)
-        typer.echo("\n".join([*watch.told(), *map(str, (directory / spectra.MODES, *pictures))]))
+        typer.echo("\n".join([*told, *map(str, (directory / spectra.MODES, *pictures))]))
 
 
 def _draw(run: Run, along: str | None) -> list[Path]:

@@ -9,89 +9,33 @@ from mpi4py import MPI
 
 import typer
 
-from dealib.cli.plot import default
-from dealib.cli.run import solve
+from dealib.cli.run import explained, watched
 from dealib.config.case import Case
-from dealib.config.size import refuse_full_disk
-from dealib.errors import ConfigError
-from dealib.program.modes import at_rest
-from dealib.program.response import Driver, Spectrum, frequencies, terminal_of
 from dealib.results import circuit, spectra
 from dealib.results.reader import Run
-from dealib.units import neat, sensible
+from dealib.tasks.pictures import default
+from dealib.tasks.solving import respond
+from dealib.units import neat
 
 
-def respond(
-    case: Case,
-    band: tuple[str, str],
-    points: tuple[int, bool],
-    of: str | None,
-    at: str | None,
-    in_series: tuple[str, str],
-    sound_at: str | None,
-    out: Path | None,
-    overwrite: bool,
-) -> None:
-    """Run a case, find the spectrum, write and draw it, fit a circuit to it.
-
-    Args:
-        case: The case.
-        band: Lowest and highest frequency.
-        points: Number of frequencies, and whether there are more where the response turns.
-        of: Terminal that is driven.
-        at: Stage at the end of which.
-        in_series: Resistance and inductance of the driver.
-        sound_at: Distance at which sound is heard.
-        out: Run directory.
-        overwrite: Whether to replace an earlier one.
-
-    Raises:
-        ConfigError: If an option is wrong, or the directory exists.
-        NotConverged: If a step failed.
-    """
-    low, high = (_quantity(option, text, "frequency") for option, text in
-                 zip(("--from", "--to"), band, strict=True))  # fmt: skip
-    if not 0 < low < high:
-        raise ConfigError("--from and --to: expected two frequencies above zero, the lower first")
-    driver = Driver(
-        _quantity("--series-resistance", in_series[0], "resistance"),
-        _quantity("--series-inductance", in_series[1], "inductance"),
-    )
-    terminal = terminal_of(case.config, of)
-    still = at_rest(case, [at] if at is not None else [])
-    distance = None if sound_at is None else _quantity("--sound-at", sound_at, "length")
+def find_response(case: Case, out: Path | None, **given: Any) -> None:
+    """Find a spectrum, draw it and print its peaks and circuit (see `tasks.solving.respond`)."""
     directory = out or Path(f"{case.config.directory}-response")
-    path, hertz = directory / spectra.RESPONSE, frequencies(low, high, points[0])
-    more = points[0] if points[1] else 0
-    spectrum = Spectrum(at, terminal.name, hertz, driver, distance, path, more)
-    refuse_full_disk(still.config, directory)
-    with case.blamed():
-        run = solve(still, directory, overwrite=overwrite, look=spectrum)
-    spectrum.check()
+    with explained(directory):
+        run = respond(case, directory=directory, **given, **watched())
     if MPI.COMM_WORLD.rank == 0:
+        path = directory / spectra.RESPONSE
         typer.echo("\n".join([*_look_at(run, path), str(path)]))
 
 
-def _quantity(option: str, text: str, dimension: str) -> float:
-    try:
-        return sensible(text, dimension)
-    except ValueError as error:
-        raise ConfigError(f"{option}: {error}") from None
-
-
 def _look_at(run: Run, path: Path) -> list[str]:
-    """Fit the circuit, draw the pictures; what to tell, and the files."""
+    """Draw the pictures; what to tell, and the files."""
     from dealib.plots import response, style
 
     table = spectra.read(path)
-    found = circuit.fit(table["frequency_Hz"].to_numpy(), 1e6 * response.impedance(table))
-    rows = [
-        {"part": v.name, "value": v.value, "low": v.low, "high": v.high,
-         "unit": circuit.UNITS[v.name]}
-        for v in found.values
-    ]  # fmt: skip
+    hertz, measured = table["frequency_Hz"].to_numpy(), 1e6 * response.impedance(table)
+    found = circuit.read(run.table("circuit"), hertz, measured)
     files = [run.directory / spectra.CIRCUIT, default([run], "bode"), default([run], "nyquist")]
-    spectra.write(files[0], rows)
     with style.theme() as look:
         style.save(response.draw_bode(table, run.title, look), files[1])
         style.save(response.draw_nyquist(table, found, run.title, look), files[2])

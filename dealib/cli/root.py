@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from dealib.cli.launched import rank
+from dealib.errors import on_command_line
 from dealib.log import to_terminal
 
 app = typer.Typer(
@@ -30,6 +31,7 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def _before_each(
+    context: typer.Context,
     verbose: Annotated[
         bool,
         typer.Option(
@@ -43,6 +45,7 @@ def _before_each(
         bool, typer.Option("--version", callback=_version, is_eager=True, help="print versions")
     ] = False,
 ) -> None:
+    context.with_resource(on_command_line())
     to_terminal(verbose, rank() == 0)
 
 

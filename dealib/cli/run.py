@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 
 import typer
 
 from dealib.cli.clock import STARTED
-from dealib.cli.info import resume_command, summary
-from dealib.cli.progress import Progress
 from dealib.config.case import Case
 from dealib.config.size import refuse_full_disk, size
-from dealib.errors import ConfigError, Interrupted, NotConverged
+from dealib.errors import Interrupted, NotConverged
 from dealib.log import verbose
-from dealib.program import Observer, Simulation, State, simulate
+from dealib.program import Simulation, simulate
 from dealib.results.beside import Beside
 from dealib.results.reader import Run
+from dealib.results.summary import VERDICTS
+from dealib.tasks.info import resume_command, summary
+from dealib.tasks.progress import Progress
+from dealib.tasks.solving import exclude
 from dealib.units import counted
+
+_COLOURS = dict(zip(VERDICTS, (typer.colors.RED, typer.colors.YELLOW), strict=True))
 
 
 def run_case(
@@ -34,8 +39,7 @@ def run_case(
 ) -> None:
     """Run a case and print where its results are."""
     comm = MPI.COMM_WORLD
-    if overwrite and resume:
-        raise ConfigError("--overwrite and --resume exclude each other")
+    exclude(overwrite, resume)
     directory = Path(out or case.config.directory)
     refuse_full_disk(case.config, directory)
     if dry_run:
@@ -47,42 +51,36 @@ def run_case(
                 f"{size(case.config, simulation.unknowns)}"
             )
         return
-    result = solve(case, directory, overwrite=overwrite, resume=resume, beside=beside)
+    with explained(directory):
+        result = simulate(
+            case, directory, overwrite=overwrite, resume=resume, beside=beside, **watched()
+        )
     if comm.rank == 0:
-        typer.echo(summary(result))
+        typer.echo(summary(result, loud))
 
 
-def solve(
-    case: Case,
-    directory: Path,
-    *,
-    overwrite: bool,
-    resume: bool = False,
-    beside: Beside | None = None,
-    look: Callable[[State], State] | None = None,
-) -> Run:
-    """Run a case into a directory, with its progress.
+def loud(verdict: str, text: str) -> str:
+    """In colour, which leaves the text where the output is no terminal."""
+    return typer.style(text, fg=_COLOURS[verdict], bold=True)
+
+
+def watched() -> dict[str, Any]:
+    """Options of `simulate` with which it shows how it goes on."""
+    # the whole log has the steps
+    shows = MPI.COMM_WORLD.rank == 0 and not verbose()
+    return {"observers": [Progress()] if shows else [], "started": STARTED}
+
+
+@contextmanager
+def explained(directory: Path) -> Iterator[None]:
+    """Say what is kept of a run that ends before its end.
 
     Raises:
         NotConverged: With where the converged steps are.
         Interrupted: With how to go on.
     """
-    comm = MPI.COMM_WORLD
-    # the whole log has the steps
-    observers: list[Observer] = [Progress()] if comm.rank == 0 and not verbose() else []
     try:
-        return simulate(
-            case,
-            directory,
-            overwrite=overwrite,
-            resume=resume,
-            observers=observers,
-            beside=beside,
-            look=look,
-            comm=comm,
-            argv=sys.argv,
-            started=STARTED,
-        )
+        yield
     except NotConverged as error:
         raise NotConverged(f"{error}\nThe converged steps are in {directory}") from None
     except Interrupted as error:

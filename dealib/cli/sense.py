@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from dealib.errors import ConfigError
-from dealib.results.device import check_device
-from dealib.results.reader import Run
 from dealib.results.sensing import CapacitanceMap
+from dealib.tasks import measuring
+from dealib.tasks.pictures import as_runs, default
 
 
 def sense(
@@ -28,15 +28,13 @@ def sense(
     Raises:
         ConfigError: If the runs hold no map or not the same device, or `at` is none of its states.
     """
-    from dealib.cli.plot import default
     from dealib.plots import style
     from dealib.plots.sensing import draw
 
     if out is not None:
         style.check_target(out, style.FORMATS, overwrite)
-    runs = [Run(directory) for directory in directories]
-    check_device(runs)
-    found = CapacitanceMap.of([run.history for run in runs])
+    runs = as_runs(list(directories))
+    found = measuring.sense(runs)
     if at is not None:
         return f"{_displacement(found, at):.6g} mm"
     target = out or default(runs, "sensing", dark)

@@ -133,10 +133,13 @@ def respond(
         from dealib.cli.mpi import launch
 
         launch(mpi)
-    from dealib.cli.respond import respond as find
+    from dealib.cli.respond import find_response
 
-    given = (series_resistance, series_inductance)
-    find(case, (low, high), (points, refine), of, at, given, sound_at, out, overwrite)
+    find_response(
+        case, out, low=low, high=high, points=points, refine=refine, of=of, at=at,
+        series_resistance=series_resistance, series_inductance=series_inductance,
+        sound_at=sound_at, overwrite=overwrite,
+    )  # fmt: skip
 
 
 @app.command()
@@ -180,13 +183,18 @@ def init(
 @app.command()
 def schema(
     out: Annotated[Path | None, typer.Option(help="file; default: print")] = None,
-    reference: Annotated[bool, typer.Option("--reference", help="page of all keys")] = False,
+    reference: Annotated[
+        bool, typer.Option("--reference", help="page of all keys, or columns")
+    ] = False,
     of: Annotated[
-        str, typer.Option(help="config, study, fit, coupon, design or benchmark")
+        str, typer.Option(help="config, study, fit, coupon, design, benchmark or history")
     ] = "config",
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the file")] = False,
 ) -> None:
-    """Print the JSON schema of one kind of file, for editors, or a page of all its keys."""
+    """Print the JSON schema of one kind of file, for editors, or a page of all its keys.
+
+    Of the history: a page of all columns, with --reference.
+    """
     from dealib.cli.schema import write_schema
 
     write_schema(out, of=of, page=reference, overwrite=overwrite)
@@ -201,11 +209,16 @@ def mesh(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace the files")] = False,
 ) -> None:
     """Write the mesh of a config in Gmsh's format, and a picture of it."""
-    from dealib.cli.mesh import write_mesh
     from dealib.config import load
+    from dealib.tasks.solving import write_mesh
 
     case = load(config, set)
-    write_mesh(case, out or Path(f"{case.config.name}.msh"), view, overwrite)
+    path = out or Path(f"{case.config.name}.msh")
+    counts = write_mesh(case, path, view, overwrite=overwrite)
+    cells = ", ".join(f"{name} {n}" for name, n in counts.items())
+    typer.echo(f"{path}: {sum(counts.values())} cells ({cells})")
+    if view is not None:
+        typer.echo(str(view))
 
 
 @app.command()

@@ -9,13 +9,13 @@ import typer
 
 from dealib.cases.job import Ended, Job
 from dealib.cases.workers import Pool, cores
-from dealib.cli.jobs import watcher
 from dealib.design.propagation import TRUSTED, Probability
 from dealib.design.schema import Plan
 from dealib.design.uncertainty import Tables, find
 from dealib.errors import ConfigError, Interrupted
 from dealib.files import guarded
 from dealib.results import spectra
+from dealib.tasks.jobs import watcher
 from dealib.units import counted, neat
 
 _SHOWN = 3  # samples without a result whose reason is told

@@ -13,9 +13,10 @@ from rich.table import Table
 from rich.text import Text
 
 from dealib.cases.cache import Cache
-from dealib.cli.study import solve_plans
 from dealib.errors import ConfigError, DealibError, did_you_mean
 from dealib.files import guarded, write_text
+from dealib.tasks.jobs import watcher
+from dealib.tasks.studies import solve
 from dealib.validation import suite
 from dealib.validation.definition import NoBenchmark
 from dealib.validation.page import KINDS, good, number, page, tally
@@ -59,7 +60,9 @@ def run_validation(
     with guarded(out):
         out.mkdir(parents=True, exist_ok=True)
     if other is None:
-        failed = solve_plans(suite.solvable(given), store, jobs, retry, of="benchmark")
+        failed = solve(
+            suite.solvable(given), store, jobs, retry, typer.echo, watcher, of="benchmark"
+        )
         found = suite.evaluated(given, store, failed)
         rows, code = [row for one in found for row in one.rows], "dealib"
     else:  # nothing is solved: dealib's numbers stand beside where they are there

@@ -19,7 +19,7 @@ from dealib.config.library import known, of_config, without_library
 from dealib.config.linear import check_linear
 from dealib.config.messages import validate
 from dealib.config.schema import Config
-from dealib.config.size import refuse_too_large
+from dealib.config.size import Size, refuse_too_large, size
 from dealib.config.source import Source
 from dealib.config.text import dump
 from dealib.config.wave import Wave
@@ -27,7 +27,7 @@ from dealib.device.shapes import MeshShape
 from dealib.errors import ConfigError, ValueAt
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Case:
     """A validated config and the text it came from.
 
@@ -44,6 +44,15 @@ class Case:
     path: Path
     overrides: tuple[str, ...] = ()
     within: str = ""
+
+    def __repr__(self) -> str:
+        changes = "".join(f", {change}" for change in self.overrides)
+        return f"<Case {self.config.name}: {self.path}{changes}>"
+
+    @property
+    def size(self) -> Size:
+        """What a run takes, about: unknowns, steps, memory, time and disk."""
+        return size(self.config)
 
     @cached_property
     def resolved(self) -> str:

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from dealib.config.source import Source
-from dealib.errors import ConfigError, ValueAt, did_you_mean
+from dealib.errors import ConfigError, ValueAt, by_caller, did_you_mean
 from dealib.reading import shown
 from dealib.units import parse
 
@@ -81,6 +81,8 @@ _KINDS = {
     "Benchmark": ("benchmark", {"device", "checks", "curves", "obtained"}, "validate"),
 }
 
+_IN_PYTHON = {"run": "simulate", "study": "run_study"}  # others are called as the command
+
 
 def _refuse_other_kinds(wanted: str, tree: Mapping[str, Any], path: Path) -> None:
     """Say it in one line if a file is of another kind."""
@@ -88,9 +90,10 @@ def _refuse_other_kinds(wanted: str, tree: Mapping[str, Any], path: Path) -> Non
     found = max(counts, key=counts.__getitem__)
     if wanted in counts and counts[found] > counts[wanted]:
         given, _, command = _KINDS[found]
-        raise ConfigError(
-            f"{path}: a {given}, not a {_KINDS[wanted][0]}; 'dealib {command} {path}' takes it"
+        takes = by_caller(
+            f"'dealib {command} {path}'", f"dealib.{_IN_PYTHON.get(command, command)}"
         )
+        raise ConfigError(f"{path}: a {given}, not a {_KINDS[wanted][0]}; {takes} takes it")
 
 
 _OF_OTHERS = ("tuple_type", "dict_type", "string_type")

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from dealib.config.linear import choose, machine_memory, not_iterative
 from dealib.config.schema import Config
-from dealib.errors import ConfigError, ValueAt
+from dealib.errors import ConfigError, ValueAt, by_caller
 
 # a cell, by the order of u and phi: of a plane, of a solid, of a line and of a sheet
 _UNKNOWNS = {1: 3.2, 2: 11.0}
@@ -105,7 +105,7 @@ def refuse_full_disk(config: Config, directory: Path) -> None:
     if found.disk > free:
         raise ConfigError(
             f"{directory}: {found}; the disk has {_bytes(free)} left: choose output.fields: stage "
-            "or none, or another --out"
+            f"or none, or another {by_caller('--out', 'directory')}"
         )
 
 

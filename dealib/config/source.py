@@ -11,7 +11,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.reader import ReaderError
 
 from dealib.config.text import TooLarge, load
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, by_caller
 from dealib.reading import read_text, shown
 
 Path_ = tuple[str | int, ...]
@@ -49,7 +49,7 @@ class Source:
         except (YAMLError, ValueError) as error:
             raise ConfigError(f"{path}: no valid YAML: {str(error).splitlines()[0]}") from None
         if self.tree is None:
-            raise ConfigError(f"{path}: the file is empty{_START}")
+            raise ConfigError(f"{path}: the file is empty{_start()}")
         if not isinstance(self.tree, CommentedMap):
             kind = "a list" if isinstance(self.tree, CommentedSeq) else "plain text"
             raise ConfigError(self._at(0, 0, f"expected keys such as 'geometry:', not {kind}"))
@@ -87,18 +87,18 @@ class Source:
         parts = [int(p) if p.isdigit() else p for p in key.strip().split(".")]
         if not sign or "" in parts:
             raise ConfigError(
-                f"--set {shown(assignment)}: expected KEY=VALUE, such as mesh.columns=80"
+                f"{_set()}{shown(assignment)}: expected KEY=VALUE, such as mesh.columns=80"
             )
         try:
             value = load(text)
         except TooLarge as error:
-            raise ConfigError(f"--set {shown(assignment)}: {error.problem}") from None
+            raise ConfigError(f"{_set()}{shown(assignment)}: {error.problem}") from None
         except (YAMLError, ValueError):
             value = text.strip()
         node: Any = self.tree
         for depth, part in enumerate(parts):
             if problem := _no_step(node, part, ".".join(map(str, parts[:depth]))):
-                raise ConfigError(f"--set {shown(assignment)}: {problem}")
+                raise ConfigError(f"{_set()}{shown(assignment)}: {problem}")
             if depth == len(parts) - 1:
                 node[part] = value
             elif isinstance(node, dict) and node.get(part) is None:
@@ -107,7 +107,7 @@ class Source:
         self.overridden[tuple(parts)] = assignment
 
     def message(self, where: Path_, problem: str, at: Literal["key", "value"] = "value") -> str:
-        """The problem, headed by `file:line:col` or the `--set` it came from, with a caret.
+        """The problem, headed by `file:line:col` or the override it came from, with a caret.
 
         Args:
             where: Path of keys and list positions; what is not in the file is looked for above.
@@ -119,7 +119,7 @@ class Source:
             n = min(len(path), len(where))
             if path[:n] == where[:n] and (len(where) >= len(path) or not self._in_text(where)):
                 key = "" if ".".join(map(str, path)) == dotted else f"{dotted}: "
-                return f"--set {shown(assignment)}: {key}{problem}"
+                return f"{_set()}{shown(assignment)}: {key}{problem}"
         line, column = self._position(where, at)
         return self._at(line, column, f"{dotted}: {problem}" if dotted else problem)
 
@@ -162,7 +162,18 @@ class Source:
 _WIDE = 200  # characters of a line that are shown
 _QUOTE = "a comma ends the value here; quote the expression"
 _CALL = re.compile(r"[^{}\[\]]*?\([^()]*\)")
-_START = "; 'dealib init' writes a config to start from"
+
+
+def _set() -> str:
+    """How overrides are called."""
+    return by_caller("--set ", "set: ")
+
+
+def _start() -> str:
+    return "; " + by_caller(
+        "'dealib init' writes a config to start from", "dealib.template() is one to start from"
+    )
+
 
 _YAML_PROBLEMS = {  # what the parser says -> what a user can do about it
     r"duplicate key \"(.*?)\"": "the key '{0}' is given twice",

@@ -18,7 +18,7 @@ _DRAWN = 200  # points of a curve between the points of a branch; fewer where br
 _DRAWN_ALL = 20_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """A measured curve and the computed one at the same abscissae.
 
@@ -41,6 +41,10 @@ class Comparison:
     beyond: npt.NDArray[np.bool_]
     branch: npt.NDArray[np.int64]
     curves: tuple[Array, ...] = ()
+
+    def __repr__(self) -> str:
+        said = f"{len(self.x)} points, RMSE {self.rmse:.4g}, R2 {self.r2:.4f}"
+        return f"<Comparison of {self.y_name} over {self.x_name}: {said}>"
 
     @property
     def inside(self) -> npt.NDArray[np.bool_]:

@@ -55,7 +55,7 @@ class Column:
         return self.values * scale((self.name, self.unit), unit)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Table:
     """What a file holds.
 
@@ -73,6 +73,16 @@ class Table:
     def account(self) -> str:
         """What was decided, in one line."""
         return f"{self.path.name}: {'; '.join(self.notes)}"
+
+    def __repr__(self) -> str:
+        return f"<Table {self.path}: {', '.join(self.headers)}>"
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """The columns by their headers, for pandas."""
+        import pandas as pd
+
+        return pd.DataFrame({c.header: c.values for c in self.columns})
 
     @property
     def headers(self) -> list[str]:

@@ -24,7 +24,7 @@ from dealib.design.designs import DESIGNS, Designs, Evaluated, as_model
 from dealib.design.goals import Aim, Goals, Limit, goals
 from dealib.design.schema import Plan, Point
 from dealib.design.search import Best, Oracle, descend, ranked, scale
-from dealib.errors import ConfigError, Interrupted
+from dealib.errors import ConfigError, Interrupted, by_caller
 from dealib.files import guarded, write_text
 from dealib.results import spectra
 from dealib.results.elements import Array
@@ -41,7 +41,7 @@ _STAYS = 2e-3  # of the range: a point that a correction moves by less is there
 Start = tuple[Point, Array]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Optimum:
     """What is found.
 
@@ -64,6 +64,10 @@ class Optimum:
     front: list[Evaluated]
     solved: int
     directory: Path
+
+    def __repr__(self) -> str:
+        best = "none is allowed" if self.best is None else f"best {self.best.point}"
+        return f"<Optimum {self.plan.name}: {counted(len(self.designs), 'design')}, {best}>"
 
     @property
     def table(self) -> pandas.DataFrame:
@@ -102,7 +106,10 @@ def optimise(
     directory = Path(given).expanduser()
     folder = directory / "evaluations"
     if directory.exists() and not folder.is_dir() and any(directory.iterdir()):
-        raise ConfigError(f"{directory} is no directory of an optimum; choose another --out")
+        raise ConfigError(
+            f"{directory} is no directory of an optimum; choose another "
+            + by_caller("--out", "directory")
+        )
     with guarded(folder):
         folder.mkdir(parents=True, exist_ok=True)
     with Designs(plan, asked, folder, jobs or cores(), tell) as designs:

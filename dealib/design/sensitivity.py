@@ -23,7 +23,7 @@ from dealib.config.case import Case
 from dealib.config.schema import Config
 from dealib.design.keys import in_time, keys
 from dealib.design.neighbours import Neighbours
-from dealib.errors import ConfigError, ValueAt, did_you_mean
+from dealib.errors import ConfigError, ValueAt, by_caller, did_you_mean
 from dealib.program.simulation import Simulation
 from dealib.program.work import LOST, STORED
 from dealib.study.expressions import Expression
@@ -179,9 +179,11 @@ class _Quantities:
         self._config, known = config, stages(config)
         self.stage = known[-1] if at is None else at
         if self.stage not in known:
-            raise ConfigError(f"--at: there is no stage {at!r}{did_you_mean(at, known)}")
+            raise ConfigError(
+                f"{by_caller('--at', 'at')}: there is no stage {at!r}{did_you_mean(at, known)}"
+            )
         if known.count(self.stage) > 1:
-            raise ConfigError(f"--at: several stages are named {self.stage!r}")
+            raise ConfigError(f"{by_caller('--at', 'at')}: several stages are named {self.stage!r}")
         ports = [port for port in config.device.ports if not port.floating]
         self._answers = {
             port.name: tuple(port.column(v) for v in port.kind.variables) for port in ports
@@ -205,7 +207,7 @@ class _Quantities:
         try:
             return of_history(text, self._config)
         except ValueError as error:
-            raise ConfigError(f"--of: {error}") from None
+            raise ConfigError(f"{by_caller('--of', 'of')}: {error}") from None
 
     def value(self, name: str, rows: Sequence[dict[str, Any]], config: Config) -> float:
         """Value of a quantity in a history.
@@ -221,7 +223,7 @@ class _Quantities:
                 found = found[history.of(self.stage)[-1]]
             return self._known[name].finite(float(found))
         except (ValueError, IndexError) as error:
-            raise ConfigError(f"--of: {error}") from None
+            raise ConfigError(f"{by_caller('--of', 'of')}: {error}") from None
 
     def values(self, rows: Sequence[dict[str, Any]], given: set[str]) -> dict[str, float]:
         """Values in the history of the config itself; of ports whose value is given, the dual."""

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dealib.config.schema import Config
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, by_caller
 from dealib.materials import evolution
 from dealib.materials.branches import Branch
 from dealib.results import local
@@ -87,7 +87,8 @@ def lumped(run: Run, tables: Tables, config: Config) -> tuple[list[Point], list[
     assert tables.rows is not None
     steps = run.history["step"].to_numpy()[tables.rows]
     if not np.isin(steps, run.stored_steps).all():
-        raise ConfigError(f"{run.directory}: its states are not stored; --overwrite solves them")
+        again = by_caller("--overwrite", "overwrite=True")
+        raise ConfigError(f"{run.directory}: its states are not stored; {again} solves them")
     parts = list(_parts(run.config, run.mesh))
     seen = [[part.see(state) for part in parts] for state in run.states(steps.ravel())]
     metrics: dict[str, list[Array]] = {}

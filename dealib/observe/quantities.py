@@ -1,7 +1,7 @@
 """The quantities of a converged state: each is one record, and one column of the history.
 
 To add a column, add a `Quantity` here: its name, unit and label, what it needs of a config, and a
-function of the state.
+function of the state. What it means stands in `dealib.observe.reference`.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, by_caller
 from dealib.plots.labels import plain
 from dealib.plots.shape import Shape, drawn
 from dealib.results.elements import Array
@@ -24,7 +24,7 @@ def film(shape: Shape) -> str:
     if shape.laminate is None:
         raise ConfigError(
             f"{shape.run.directory}: profiles run along the layers of a laminate in a plane, "
-            "and this device is none; --field draws it whole"
+            f"and this device is none; {by_caller('--field', 'field')} draws it whole"
         )
     E, mesh = np.linalg.norm(shape.arrays["E"], axis=1), shape.mesh
     names = [n for n in shape.layers if n in drawn(shape.run, SURFACE_CHARGE)]

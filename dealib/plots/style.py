@@ -13,7 +13,7 @@ from typing import IO, Any
 import matplotlib.pyplot as plt
 from cycler import cycler
 
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, by_caller, in_the_way
 from dealib.files import write_bytes
 
 FORMATS = (".png", ".svg", ".pdf")
@@ -92,11 +92,13 @@ def theme(dark: bool = False) -> Iterator[Theme]:
         "svg.hashsalt": "dealib",
         "image.cmap": look.sequential,
     }
+    others = set(plt.get_fignums())  # the user's own, in a notebook
     with plt.rc_context(settings):
         try:
             yield look
         finally:
-            plt.close("all")
+            for number in set(plt.get_fignums()) - others:
+                plt.close(number)
 
 
 def darkened(svg: str) -> str:
@@ -111,11 +113,12 @@ def check_target(path: Path, formats: tuple[str, ...], overwrite: bool) -> None:
         ConfigError: If the suffix is unknown, the folder is missing or the file exists.
     """
     if path.suffix.lower() not in formats:
-        raise ConfigError(f"--out {path}: the name must end in {', '.join(formats)}")
+        given = by_caller("--out ", "")
+        raise ConfigError(f"{given}{path}: the name must end in {', '.join(formats)}")
     if not path.parent.is_dir():
         raise ConfigError(f"{path}: there is no folder {path.parent}")
     if path.exists() and not overwrite:
-        raise ConfigError(f"{path} exists; choose another --out, or --overwrite it")
+        raise ConfigError(in_the_way(path))
 
 
 def save(figure: Any, target: Path | IO[bytes], kind: str | None = None, dpi: int = 150) -> None:

@@ -14,7 +14,7 @@ from dealib.config.case import Case
 from dealib.config.program import MountInput, Stage, TerminalInput
 from dealib.config.wave import reach as reach_of
 from dealib.device.records import MOUNT, TERMINAL
-from dealib.errors import ConfigError, NotConverged
+from dealib.errors import ConfigError, NotConverged, by_caller
 from dealib.fem.system import PortLaw
 from dealib.program.inputs import drives, law
 from dealib.program.simulation import Simulation
@@ -55,7 +55,9 @@ def chart(
     stage, given = _bias(case)
     volts = _full_voltage(case) if voltage is None else voltage
     if volts == 0:
-        raise ConfigError("the program applies no voltage; give one with --voltage")
+        raise ConfigError(
+            f"the program applies no voltage; give {by_caller('one with --voltage', 'voltage')}"
+        )
     case = _in_the_long_run(case)
     simulation = Simulation(case)
     (mount,) = case.config.device.of(MOUNT)
@@ -118,7 +120,7 @@ def _reach(case: Case, bias: PortLaw, volts: float) -> tuple[float, float]:
     if span == 0:
         raise ConfigError(
             f"{case.path}: the bias leaves the mount at 0 mm; give the displacements of the chart "
-            "with --reach, such as '-4 mm, 0 mm'"
+            + by_caller("with --reach, such as '-4 mm, 0 mm'", "as reach, such as (-4.0, 0.0)")
         )
     # a film that is far beyond flat on the other side says nothing
     return max(min(ends), -span), min(max(ends), 0.1 * span) if min(ends) < 0 else max(ends)

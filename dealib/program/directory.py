@@ -14,7 +14,7 @@ from mpi4py import MPI
 from dealib.config.case import Case
 from dealib.config.schema import Config
 from dealib.device import gmsh_model
-from dealib.errors import ConfigError, DealibError, PlatformError
+from dealib.errors import ConfigError, DealibError, PlatformError, anew, by_caller
 from dealib.files import TEMPORARY, write_text
 from dealib.log import LOGGER
 from dealib.results import store
@@ -111,8 +111,12 @@ def _make(path: Path, overwrite: bool) -> Lock:
     if _used(path):
         if not overwrite:
             raise ConfigError(
-                f"{path} exists and is not empty; choose another --out, --overwrite it, or "
-                "--resume it if it is an unfinished run"
+                f"{path} exists and is not empty; "
+                + by_caller(
+                    "choose another --out, --overwrite it, or --resume it",
+                    "choose another directory, overwrite=True, or resume=True",
+                )
+                + " if it is an unfinished run"
             )
         if not (path / INFO).is_file():
             raise ConfigError(f"{path} is no run directory of dealib; it is not overwritten")
@@ -141,8 +145,11 @@ def _held(path: Path) -> Lock:
     there = any((path / name).exists() for name in (INFO, FOLDER))
     if not path.is_dir() or (not there and _used(path)):
         raise ConfigError(
-            f"{path}: nothing to resume, there is no run here; start it without --resume, or give "
-            "the --out of the run that is meant"
+            f"{path}: nothing to resume, there is no run here; "
+            + by_caller(
+                "start it without --resume, or give the --out of the run that is meant",
+                "start it without resume=True, or give the directory of the run that is meant",
+            )
         )
     if not there:
         return _make(path, overwrite=False)  # killed before it began
@@ -216,12 +223,13 @@ def _refuse_changes(path: Path, case: Case) -> None:
             f"{path}: cannot resume, the config has changed since:\n  "
             + "\n  ".join(changes)
             + "\nOnly name, description, output, solver and mesh.file may change; "
-            "undo the changes, or start anew with --overwrite or another --out"
+            "undo the changes, or start anew with "
+            + by_caller("--overwrite or another --out", "overwrite=True or another directory")
         )
 
 
 def _no_way(path: Path, problem: str) -> ConfigError:
-    return ConfigError(f"{path}: cannot resume, {problem}; start anew with --overwrite")
+    return ConfigError(f"{path}: cannot resume, {problem}; {anew()}")
 
 
 def _changes(before: Config, now: Config) -> list[str]:

@@ -14,7 +14,7 @@ import numpy as np
 from dealib.config.follow import crossed
 from dealib.config.schema import Config
 from dealib.device.records import MOUNT, TURN
-from dealib.errors import ConfigError, ValueAt
+from dealib.errors import ConfigError, ValueAt, anew, by_caller
 from dealib.fem.charging import Charging
 from dealib.fem.films import field_normals
 from dealib.fem.inertia import Inertia
@@ -202,15 +202,16 @@ class Engine:
         if not same:
             raise ConfigError(
                 "the checkpoint belongs to another mesh (has mesh.file changed, or Gmsh?); "
-                "start anew with --overwrite, or elsewhere with --out"
+                + by_caller(
+                    "start anew with --overwrite, or elsewhere with --out",
+                    "start anew with overwrite=True, or in another directory",
+                )
             )
         system, w = self.newton.system, self.problem.spaces.w
         try:
             self.progress = Progress.of(saved.values["progress"])
         except Exception as error:  # of a file whose content can be anything
-            raise ConfigError(
-                f"damaged checkpoint ({error!r}); start anew with --overwrite"
-            ) from None
+            raise ConfigError(f"damaged checkpoint ({error!r}); {anew()}") from None
         self.problem.set_prestretch(1.0)
         count = comm.bcast(len(saved.states), root=0)
         ports, slopes = saved.values["ports"], saved.values["slopes"]

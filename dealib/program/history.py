@@ -24,7 +24,7 @@ from dealib.program.work import LOST, STORED, Work
 log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class State:
     """One converged state.
 
@@ -41,6 +41,10 @@ class State:
     engine: Engine
     lost: bool = False
     modes: Any = None
+
+    def __repr__(self) -> str:
+        row = self.row
+        return f"<State {row['step']}: {row['stage']}, t = {row['time_s']:g} s>"
 
     @alone()
     def nodal(self) -> Any:

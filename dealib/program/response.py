@@ -14,7 +14,7 @@ from dealib.config.band import Band
 from dealib.config.case import Case
 from dealib.config.schema import Config
 from dealib.device.records import MOUNT, TERMINAL, Port
-from dealib.errors import ConfigError, did_you_mean
+from dealib.errors import ConfigError, by_caller, did_you_mean
 from dealib.fem.probes import Probes
 from dealib.fem.response import Change, Response, relaxed_state
 from dealib.program.engine import Engine
@@ -60,9 +60,8 @@ def terminal_of(config: Config, name: str | None) -> Port:
     if name is None:
         return next(iter(known.values()))
     if name not in known:
-        raise ConfigError(
-            f"--of {name}: the device has no such terminal{did_you_mean(name, known)}"
-        )
+        said = f"{by_caller('--of', 'of')} {name}: the device has no such terminal"
+        raise ConfigError(said + did_you_mean(name, known))
     return known[name]
 
 

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 from mpi4py import MPI
 
 from dealib.config.case import Case, load
-from dealib.errors import Interrupted, NotConverged, PlatformError
+from dealib.errors import Interrupted, NotConverged, PlatformError, by_caller
 from dealib.fem.reuse import Reuse
 from dealib.log import to_file
 from dealib.program.directory import finished, prepare
@@ -77,10 +77,11 @@ class Log:
             at = lost_at([*self._rows[-2:], state.row])
             log.warning(
                 "%s loses its stability at %s, before step %d (%s), which has %s; the softest "
-                "modes are fields of that step (dealib plot --field mode)",
+                "modes are fields of that step (%s)",
                 "another mode" if self._rows and self._rows[-1]["unstable_modes"] else "the device",
                 *(ports_told(at, ".5g"), state.row["step"], state.row["stage"]),
                 counted(state.row["unstable_modes"], "unstable mode"),
+                by_caller("dealib plot --field mode", "dealib.plot(run, field='mode')"),
             )
         self._rows = [*self._rows[-1:], state.row]
 

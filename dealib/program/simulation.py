@@ -65,6 +65,10 @@ class Simulation:
             self.engine.restore(resume)
         self._check_held()
 
+    def __repr__(self) -> str:
+        steps = f"step {self.progress.step} of {self.steps_planned}"
+        return f"<Simulation {self.case.config.name}: {self.unknowns} unknowns, {steps}>"
+
     @property
     def progress(self) -> Progress:
         """How far the program has come."""

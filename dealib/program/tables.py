@@ -13,7 +13,7 @@ from dealib.config.case import Case
 from dealib.config.program import Stage
 from dealib.config.schema import Config
 from dealib.device.device import Device
-from dealib.errors import ConfigError, ValueAt
+from dealib.errors import ConfigError, ValueAt, by_caller
 from dealib.units import DIMENSIONS
 
 Grid = npt.NDArray[np.float64]
@@ -64,7 +64,8 @@ def _check_branches(config: Config, axes: Collection[str], fmu: bool) -> None:
     """Raise `ValueAt` if there are branches that tables, or an FMU of them, cannot have."""
     for name, law in config.solids.items():
         if law.branches and not fmu:
-            problem = "its force depends on time, which tables lack; --fmu makes a model with it"
+            model = by_caller("--fmu", "fmu=True")
+            problem = f"its force depends on time, which tables lack; {model} makes a model with it"
             raise ValueAt(("tables",), f"materials.{name} has branches: {problem}")
         stems = {axis.partition(".")[0] for axis in axes}
         if law.branches and ("pressure" in stems or not stems & {"displacement", "rotation"}):

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from dealib.files import write_text
 from dealib.results.elements import Array
+
+if TYPE_CHECKING:
+    import pandas
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ class Stroke:
         return self.back == self.start
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class BiasChart:
     """Curves over one displacement, and their equilibria.
 
@@ -77,6 +80,19 @@ class BiasChart:
     film: dict[float, Array]
     bias: Array
     equilibria: dict[float, list[Equilibrium]]
+
+    def __repr__(self) -> str:
+        reach = f"{self.displacement[0]:.4g} .. {self.displacement[-1]:.4g} mm"
+        counts = ", ".join(f"{len(e)} at {v:g} kV" for v, e in self.equilibria.items())
+        return f"<BiasChart {self.name}: {reach}, equilibria: {counts}>"
+
+    @property
+    def frame(self) -> pandas.DataFrame:
+        """The curves over the displacement, for pandas."""
+        import pandas as pd
+
+        film = {f"film_at_{volts:g}_kV_N": force for volts, force in self.film.items()}
+        return pd.DataFrame({"displacement_mm": self.displacement, **film, "bias_N": self.bias})
 
     def strokes(self) -> list[Stroke]:
         """One for each stable state without voltage from which the voltage leads to another."""
@@ -119,9 +135,8 @@ class BiasChart:
 
     def write(self, curves: Path, equilibria: Path) -> None:
         """Write both as CSV files."""
-        names = [f"film_at_{volts:g}_kV_N" for volts in self.film]
-        table = np.column_stack([self.displacement, *self.film.values(), self.bias])
-        _write(curves, ["displacement_mm", *names, "bias_N"], table.tolist())
+        table = self.frame
+        _write(curves, list(map(str, table)), table.to_numpy().tolist())
         points = [e for of_voltage in self.equilibria.values() for e in of_voltage]
         _write(
             equilibria,

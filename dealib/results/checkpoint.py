@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, anew
 from dealib.files import guarded, write_bytes
 from dealib.results.elements import Array
 
@@ -116,9 +116,7 @@ class CheckpointFolder:
             if not saved.states:
                 raise ValueError(f"{self._array(STATE, step).name} is missing")
         except Exception as error:  # of a file whose content can be anything
-            raise ConfigError(
-                f"{self.folder}: damaged checkpoint ({error}); start anew with --overwrite"
-            ) from None
+            raise ConfigError(f"{self.folder}: damaged checkpoint ({error}); {anew()}") from None
         return saved
 
     def _found(self) -> dict[str, Any] | None:

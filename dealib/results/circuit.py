@@ -57,6 +57,14 @@ class Circuit:
         return impedance({v.name: v.value for v in self.values}, hertz)
 
 
+def read(table: Any, hertz: Array, measured: Complex) -> Circuit:
+    """The circuit of a table of `circuit.csv`, which was fitted to these impedances (ohm)."""
+    rows = zip(*(table[name] for name in ("part", "value", "low", "high")), strict=True)
+    values = tuple(Value(str(name), *map(float, numbers)) for name, *numbers in rows)
+    missed = np.log(impedance({v.name: v.value for v in values}, hertz) / measured)
+    return Circuit(values, float(np.sqrt(np.mean(np.abs(missed) ** 2))))
+
+
 def impedance(parts: dict[str, float], hertz: Array) -> Complex:
     """Impedance of a circuit, ohm.
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from dealib.errors import ConfigError, DealibError, first_line
+from dealib.errors import ConfigError, DealibError, did_you_mean, first_line
 from dealib.log import LOGGER
 from dealib.results import store
 from dealib.results.elements import Array
@@ -258,6 +258,19 @@ class Run:
         if problem not in self._told:
             self._told.add(problem)
             LOGGER.warning("%s", problem)
+
+    def table(self, name: str) -> pandas.DataFrame:
+        """A table beside the run: 'modes', 'frequencies', 'response', 'circuit'.
+
+        Raises:
+            ConfigError: If the run has none of this name, or it is damaged.
+        """
+        from dealib.results import spectra
+
+        there = [path.stem for path in sorted(self.directory.glob("*.csv"))]
+        if name not in there:
+            raise ConfigError(f"{self.directory}: no table {name!r}{did_you_mean(name, there)}")
+        return spectra.read(self.directory / f"{name}.csv")
 
     def state(self, index: int = -1) -> Array:
         """Nodal values of the index-th stored step, (nodes, columns): u, phi, and p if mixed."""

@@ -93,6 +93,10 @@ class CapacitanceMap:
         self.low = max(float(s.displacement[0]) for s in self.sweeps)
         self.high = min(float(s.displacement[-1]) for s in self.sweeps)
 
+    def __repr__(self) -> str:
+        volts = ", ".join(f"{s.voltage:g}" for s in self.sweeps)
+        return f"<CapacitanceMap {self.low:.4g} .. {self.high:.4g} mm at {volts} kV>"
+
     @classmethod
     def of(
         cls, histories: Sequence[pandas.DataFrame], column: str = "capacitance_pF"

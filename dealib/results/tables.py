@@ -19,12 +19,14 @@ import numpy as np
 import numpy.typing as npt
 
 from dealib.device.records import KINDS, PortKind
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, by_caller
 from dealib.files import whole, write_text
 from dealib.results.hdf5 import new_hdf5
 from dealib.results.hermite import basis, nodal
 
 if TYPE_CHECKING:
+    import pandas
+
     from dealib.results.reader import Run
 
 Array = npt.NDArray[np.float64]
@@ -59,6 +61,18 @@ class Tables:
         for name in (POTENTIAL, *map(_dual, self.axes)):
             if self.values[name].shape != shape:
                 raise ValueError(f"{name} does not fit its grid")
+
+    def __repr__(self) -> str:
+        grid = " x ".join(f"{name} ({len(values)})" for name, values in self.axes.items())
+        return f"<Tables {grid}: {', '.join(self.values)}>"
+
+    @property
+    def frame(self) -> pandas.DataFrame:
+        """One row a node, indexed by the axes; its `to_xarray()` is a dataset, with xarray."""
+        import pandas as pd
+
+        index = pd.MultiIndex.from_product(list(self.axes.values()), names=list(self.axes))
+        return pd.DataFrame({n: v.ravel() for n, v in self.values.items()}, index=index)
 
     def __getitem__(self, column: str) -> Array:
         return self.axes[column] if column in self.axes else self.values[column]
@@ -228,7 +242,7 @@ def collect(run: Run) -> Tables:
     """
     wanted = run.config.tables
     if wanted is None:
-        raise ConfigError(f"{run.directory}: its config has no tables; see dealib export")
+        raise ConfigError(f"{run.directory}: its config has no tables")
     h, device = run.history, run.config.device
     axes = {device.column(n): np.sort(_in_column(device, n, g)) for n, g in wanted.grids.items()}
     names = [*map(_dual, axes), *(c for c in map(str, h) if _stem(c) == "capacitance_pF")]
@@ -266,7 +280,8 @@ def load(path: str | Path) -> Tables:
     path = Path(path)
     file = path / f"{NAME}.h5" if path.is_dir() else path
     if not file.is_file():
-        raise ConfigError(f"{path}: no tables here; dealib export CONFIG makes them")
+        makes = by_caller("dealib export CONFIG", "dealib.export_tables(case)")
+        raise ConfigError(f"{path}: no tables here; {makes} makes them")
     try:
         return Tables(dict(_read(file)))
     except Exception as error:  # the readers raise theirs as they come

@@ -116,6 +116,9 @@ class Results:
                 self.outcomes[s.case.label] = Outcome(s.case, cache.run(s.case.key))
         self.values = {name: self._quantity(name) for name in self.study.quantities}
 
+    def __repr__(self) -> str:
+        return f"<Results {self.study.name}: {len(self.statuses)} cases>"
+
     def _quantity(self, name: str) -> Array:
         """One number a case; NaN where the case has not come to its end, or there is no number."""
         values = np.full(len(self.statuses), np.nan)

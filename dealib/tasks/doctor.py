@@ -18,8 +18,6 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
-import typer
-
 from dealib.config.templates import template
 from dealib.errors import PlatformError
 from dealib.files import write_text
@@ -64,8 +62,11 @@ class _Probe:
     needed: bool = False
 
 
-def examine() -> None:
-    """Try all, and print a line each.
+def doctor(tell: Callable[[str], None] = print) -> None:
+    """Try whether solver, MPI, 3-D pictures and movies work here, and tell a line each.
+
+    Args:
+        tell: Told each line.
 
     Raises:
         PlatformError: If something fails that dealib needs.
@@ -78,15 +79,15 @@ def examine() -> None:
     with folder:
         for probe in _PROBES:
             try:
-                typer.echo(f"{probe.name:<12} ok      {probe.run(Path(folder.name))}")
+                tell(f"{probe.name:<12} ok      {probe.run(Path(folder.name))}")
             except _Failed as error:
-                typer.echo(f"{probe.name:<12} failed  {error}; {probe.cure}")
+                tell(f"{probe.name:<12} failed  {error}; {probe.cure}")
                 if probe.needed:
                     raise PlatformError(
                         f"dealib does not work here: {probe.name} failed; the rest was not tried"
                     ) from None
                 lacking.append(probe.name)
-    typer.echo("dealib works here" + (f", except for {', '.join(lacking)}" if lacking else ""))
+    tell("dealib works here" + (f", except for {', '.join(lacking)}" if lacking else ""))
 
 
 def _child(*arguments: str | Path, **environment: str) -> float:

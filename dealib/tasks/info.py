@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-import typer
-
 from dealib.device.records import CHAMBER, MOUNT, TURN
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, by_caller
 from dealib.observe.quantities import Column, columns
 from dealib.results.critical import critical_points
 from dealib.results.cycles import cycles
 from dealib.results.reader import Run
-from dealib.results.summary import VERDICTS, actuations, alarms, margins
+from dealib.results.summary import actuations, alarms, margins
 from dealib.units import counted, neat
-
-_COLOURS = dict(zip(VERDICTS, (typer.colors.RED, typer.colors.YELLOW), strict=True))
 
 if TYPE_CHECKING:
     import pandas
 
 
-def summary(run: Run) -> str:
+Loud = Callable[[str, str], str]
+
+
+def plain(verdict: str, text: str) -> str:
+    """A verdict as it is."""
+    return text
+
+
+def summary(run: Run, loud: Loud = plain) -> str:
     """The figures that an engineer looks at first, from the history."""
     h = run.history
     info = run.info
@@ -50,7 +56,7 @@ def summary(run: Run) -> str:
         rows.append(("time", f"{t['total']:.2f} s, of which {t.get('solve', 0):.2f} s solving"))
     rows.append(("results", str(run.directory)))
     width = max(len(name) for name, _ in rows)
-    return "\n".join([f"{name:<{width}}  {value}" for name, value in rows] + _beyond(run))
+    return "\n".join([f"{name:<{width}}  {value}" for name, value in rows] + _beyond(run, loud))
 
 
 def _range(history: pandas.DataFrame, column: Column) -> str:
@@ -58,36 +64,42 @@ def _range(history: pandas.DataFrame, column: Column) -> str:
     return f"{neat(values.min())} .. {neat(values.max())} {column.unit}".rstrip()
 
 
-def _beyond(run: Run) -> list[str]:
-    """A line for each limit that is not kept, in colour on a terminal."""
+def _beyond(run: Run, loud: Loud) -> list[str]:
+    """A line for each limit that is not kept."""
     found = sorted((m for m in margins(run) if not m.ok), key=lambda m: not m.given)
     return [
-        _loud(m.verdict, f"{m.name} {m.used}") + f" (1 is the limit), {m.when}: {m.beyond}"
+        loud(m.verdict, _told(m.verdict, f"{m.name} {m.used}"))
+        + f" (1 is the limit), {m.when}: {m.beyond}"
         for m in found
     ]
 
 
-def _loud(verdict: str, text: str) -> str:
-    """In colour, which leaves the text where the output is no terminal."""
-    word = verdict if verdict == "beyond" else verdict.upper()
-    return typer.style(f"{word}: {text}", fg=_COLOURS[verdict], bold=True)
+def _told(verdict: str, text: str) -> str:
+    return f"{verdict if verdict == 'beyond' else verdict.upper()}: {text}"
 
 
 def resume_command(run: Run) -> str:
-    """The command that goes on with a run."""
+    """The command that goes on with a run, or the call."""
     info = run.info
     overrides = [part for assignment in info["set"] for part in ("--set", assignment)]
     command = "export" if "export" in info["argv"][1:2] else "run"
     words = ["dealib", command, info["config"], *overrides, "--out", str(run.directory), "--resume"]
     if info["ranks"] > 1:
         words += ["--mpi", str(info["ranks"])]
-    return shlex.join(words)
+    call = f"dealib.simulate({info['config']!r}, {str(run.directory)!r}, resume=True)"
+    return by_caller(shlex.join(words), call)
 
 
-def describe(run: Run) -> str:
-    """Status, summary, versions and timings of a run directory."""
+def describe(run: Run | str | Path, loud: Loud = plain) -> str:
+    """Status, summary, versions and timings of a run directory, as text.
+
+    Args:
+        run: The run or its directory.
+        loud: Colours the text of a verdict.
+    """
+    run = run if isinstance(run, Run) else Run(run)
     info = run.info
-    told = [_loud(verdict, text) for verdict, text in alarms(run).items()]
+    told = [loud(verdict, _told(verdict, text)) for verdict, text in alarms(run).items()]
     lines = ["; ".join([f"{run.title}: {run.status}", *told])]
     if info.get("set"):
         lines.append("changed: " + ", ".join(info["set"]))
@@ -101,7 +113,7 @@ def describe(run: Run) -> str:
     if run.status in ("killed", "interrupted", "failed"):
         lines.append(f"go on with: {resume_command(run)}")
     try:
-        lines += ["", summary(run)]
+        lines += ["", summary(run, loud)]
     except ConfigError as error:
         lines.append(str(error))
     found = margins(run)

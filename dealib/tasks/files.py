@@ -1,0 +1,116 @@
+"""Schemas, reference pages and templates of the files that dealib reads."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+from pydantic import BaseModel
+
+from dealib.config import reference as pages
+from dealib.config.templates import TEMPLATES
+from dealib.config.templates import template as text_of
+from dealib.errors import ConfigError, by_caller, did_you_mean
+
+KINDS = ("config", "study", "fit", "coupon", "design", "benchmark", "history")
+_COMMANDS = {
+    "design": "`dealib optimise` and `dealib uncertainty`",
+    "benchmark": "`dealib validate`",
+}
+
+
+def schema(of: str = "config") -> dict[str, Any]:
+    """JSON schema of a kind of file.
+
+    Args:
+        of: config, study, fit, coupon, design or benchmark.
+
+    Raises:
+        ConfigError: If there is no such kind.
+    """
+    return dict(json.loads(schema_text(of)))
+
+
+def schema_text(of: str) -> str:
+    """The same as text."""
+    return pages.json_text(_model(of))
+
+
+def reference(of: str = "config") -> str:
+    """Page of all keys of a kind of file, or of all columns, in Markdown.
+
+    Args:
+        of: config, study, fit, coupon, design, benchmark or history.
+
+    Raises:
+        ConfigError: If there is no such kind.
+    """
+    if of == "history":
+        from dealib.observe.reference import page
+
+        return page()
+    if of == "config":
+        return pages.reference()
+    if of == "study":
+        from dealib.study import reference as study
+
+        return study.reference()
+    if of == "fit":
+        from dealib.calibration import reference as fit
+
+        return fit.reference()
+    if of == "coupon":
+        from dealib.calibration import reference as coupon
+
+        return coupon.coupon_reference()
+    model, commands = _model(of), _COMMANDS[of]
+    made = f"Made by `dealib schema --of {of} --reference` from the schema of {commands}."
+    return "\n".join([f"# All keys of a {of}", "", made, *pages.sections(model)]) + "\n"
+
+
+def _model(of: str) -> type[BaseModel]:
+    """The schema of a kind of file."""
+    if of == "config":
+        from dealib.config.schema import Config
+
+        return Config
+    if of == "study":
+        from dealib.study.schema import Study
+
+        return Study
+    if of == "fit":
+        from dealib.calibration.schema import Fit
+
+        return Fit
+    if of == "coupon":
+        from dealib.calibration.coupon_schema import Coupon
+
+        return Coupon
+    if of == "design":
+        from dealib.design.schema import Design
+
+        return Design
+    if of == "benchmark":
+        from dealib.validation.schema import Benchmark
+
+        return Benchmark
+    name = by_caller("--of", "of")
+    if of == "history":
+        page = by_caller("--reference", "dealib.reference")
+        raise ConfigError(f"{name} history: there is no schema of it, but a page, with {page}")
+    raise ConfigError(f"{name} {of}: unknown{did_you_mean(of, KINDS)}")
+
+
+def template(name: str = "deap") -> str:
+    """A commented config to start from, as text.
+
+    Args:
+        name: deap, benchmark or membrane.
+
+    Raises:
+        ConfigError: If there is no such template.
+    """
+    if name not in TEMPLATES:
+        given = by_caller("--template ", "")
+        raise ConfigError(f"{given}{name}: unknown{did_you_mean(name, TEMPLATES)}")
+    return text_of(name)

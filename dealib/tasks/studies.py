@@ -1,0 +1,184 @@
+"""Studies: solve what is missing, then collect, draw and compare."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dealib.cases.cache import DONE, Cache
+from dealib.cases.job import Ended
+from dealib.cases.workers import Pool, Watcher, cores, in_ranks
+from dealib.errors import Interrupted, by_caller
+from dealib.files import guarded, write_bytes, write_text
+from dealib.log import LOGGER
+from dealib.study import plan as planning
+from dealib.study import sweep
+from dealib.study.plan import Plan
+from dealib.study.sweep import CaseStatus
+from dealib.tasks.measuring import CASES
+from dealib.tasks.solving import silent
+from dealib.units import counted
+
+if TYPE_CHECKING:
+    from dealib.study.evaluate import Results
+    from dealib.study.gallery import Entry
+
+Tell = Callable[[str], None]
+
+
+def run_study(
+    path: str | Path,
+    directory: str | Path | None = None,
+    jobs: int | None = None,
+    *,
+    cache: str | Path = CASES,
+    retry: bool = False,
+    tell: Tell = silent,
+    watch: Callable[[int, int], Watcher] = lambda workers, total: Watcher(),
+) -> list[Results]:
+    """Solve the missing cases of studies, collect, draw and compare them, and write a gallery.
+
+    Cases that do not converge are told of by a warning, and have no values.
+
+    Args:
+        path: A study's YAML file, or a folder of them.
+        directory: Where tables, pictures and gallery go; default runs/studies/NAME.
+        jobs: Processes; default all cores. With more than one, a script guards what it does by
+            `if __name__ == "__main__":`.
+        cache: Folder of solved cases.
+        retry: Solve again what did not converge.
+        tell: Told how it goes on, line by line.
+        watch: Makes what sees the cases, of numbers of processes and of cases.
+
+    Returns:
+        The results of each study: `table` has a row for each case, `values` its quantities.
+
+    Raises:
+        ConfigError: If a study is wrong.
+        Interrupted: With what is kept.
+    """
+    path, out = Path(path), None if directory is None else Path(directory)
+    plans, store = read(path, tell), Cache(Path(cache))
+    folder = made(out, path, plans)
+    failed = solve(plans, store, jobs, retry, tell, watch)
+    stands = [sweep.statuses(p, store, failed) for p in plans]
+    found = report(plans, stands, store, folder, path, tell)
+    for s in (s for stand in stands for s in stand if s.status != DONE):
+        LOGGER.warning("%s: %s: %s", s.case.label, s.status, s.error)
+    for results in found:
+        for fault in results.faults:
+            LOGGER.warning("%s", fault)
+    return found
+
+
+def read(path: Path, tell: Tell) -> list[Plan]:
+    """The studies of a file or of a folder."""
+    found = planning.find(path)
+    others = sorted(set(path.glob("*.yaml")) - set(found)) if path.is_dir() else []
+    if others:
+        tell(f"no studies, left out: {', '.join(p.name for p in others)}")
+    return [planning.read(p) for p in found]
+
+
+def made(out: Path | None, path: Path, plans: list[Plan]) -> Path:
+    """Where results go; it is made."""
+    name = path.resolve().name if path.is_dir() else plans[0].study.name
+    folder = out or Path("runs/studies") / name
+    with guarded(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def solve(
+    plans: Sequence[Plan],
+    store: Cache,
+    count: int | None,
+    retry: bool,
+    tell: Tell,
+    watch: Callable[[int, int], Watcher],
+    executor: Any = None,
+    summary: Any = None,
+    of: str = "study",
+) -> dict[str, Ended]:
+    """Solve what is missing, in processes or an executor; returns what failed, by key."""
+    jobs = sweep.missing(plans, store, retry)
+    cases = sum(len(p.cases) for p in plans)
+    tell(f"{counted(cases, 'case')} in {counted(len(plans), of)}; {len(jobs)} to solve")
+    failed: dict[str, Ended] = {}
+    done = 0
+    workers = 0 if executor is not None else min(count or cores(), len(jobs))
+    with watch(workers, len(jobs)) as watcher, Pool(workers, watcher) as pool:
+        try:
+            ends = pool.solve(jobs) if executor is None else in_ranks(jobs, watcher, executor)
+            for ended in ends:
+                done += 1
+                if ended.status != DONE:
+                    failed[ended.job.key] = ended
+                if summary is not None:
+                    summary.update(ended)
+        except Interrupted as stop:
+            raise Interrupted(
+                f"{stop} after {done} of {len(jobs)} cases, which are kept; the same "
+                + by_caller("command", "call")
+                + " goes on with the others",
+                stop.signal,
+            ) from None
+    return failed
+
+
+def report(
+    plans: list[Plan],
+    stands: list[list[CaseStatus]],
+    store: Cache,
+    folder: Path,
+    path: Path,
+    tell: Tell,
+) -> list[Results]:
+    """Figures, tables and gallery."""
+    import pandas as pd
+
+    from dealib.study.evaluate import Results
+    from dealib.study.gallery import Entry, page
+
+    entries: list[Entry] = []
+    for plan, stand in zip(plans, stands, strict=True):
+        try:
+            results = Results(plan, store, stand)
+            entries.append(Entry(results, _draw(results, folder), results.windows))
+        except Exception as error:
+            error.add_note(f"while {plan.path} was collected and drawn; its cases are kept")
+            raise
+        _verdict(entries[-1], tell)
+    windows = [row for entry in entries for row in entry.table]
+    write_text(folder / "windows.csv", pd.DataFrame(windows).to_csv(index=False))
+    title = plans[0].study.title if len(plans) == 1 else f"Studies of {path}"
+    gallery = folder / "gallery.html"
+    write_text(gallery, page(title, entries))
+    tell(str(gallery))
+    return [entry.results for entry in entries]
+
+
+def _draw(results: Results, folder: Path) -> str:
+    """Write table and pictures of a study; returns the SVG's text."""
+    with warnings.catch_warnings():
+        # Debian's and pip's matplotlib side by side: 3-D axes, which nothing here uses, do not load
+        warnings.filterwarnings("ignore", message="Unable to import Axes3D")
+        from dealib.study.panels import draw
+    name, drawn = results.study.name, draw(results)
+    write_text(folder / f"{name}.csv", results.table.to_csv(index=False))
+    if drawn is None:
+        return ""
+    write_text(folder / f"{name}.svg", drawn[0])
+    write_bytes(folder / f"{name}.png", drawn[1])
+    return drawn[0]
+
+
+def _verdict(entry: Entry, tell: Tell) -> None:
+    """Say which windows hold."""
+    name, verdicts = entry.results.study.name, entry.windows
+    tell(f"{name}: {entry.held} of {len(verdicts)} windows hold")
+    for v in verdicts:
+        if not v.holds:
+            tell(f"    {v.window.name}: {v.value}, expected {v.range}")
