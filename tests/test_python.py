@@ -16,6 +16,7 @@ from dealib.errors import by_caller, on_command_line
 ROOT = Path(dealib.__file__).parent
 PAGE = (ROOT.parent / "notebooks" / "guide" / "python.md").read_text(encoding="utf-8")
 EXAMPLES = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+# named in the text
 WITHOUT = {
     "show",
     "doctor",
