@@ -219,7 +219,7 @@ def test_a_port_in_use():
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
-        with pytest.raises(ConfigError, match=rf"--port {port}: Address already in use; choose"):
+        with pytest.raises(ConfigError, match=rf"^port {port}: Address already in use; choose"):
             serve(Page(), port)
 
 

@@ -369,11 +369,11 @@ def test_cases_that_do_not_converge_are_stepped_around(tmp_path):
          "5:3: parameters.materials.film.relative_permittivity.start: this key is missing: where "
          "the search starts, such as '1 MPa'"),
         ("film.relative", "film.relativ",
-         "5:3: parameters.materials.film.relativ_permittivity: in TMP/base.yaml, --set "
+         "5:3: parameters.materials.film.relativ_permittivity: in TMP/base.yaml, set "
          "materials.film.relativ_permittivity=2.0: unknown key; did you mean "
          "'relative_permittivity'?"),
         ("materials.film.relative_permittivity: {start: 2,", "mesh.columns: {start: 8,",
-         "5:3: parameters.mesh.columns: in TMP/base.yaml, --set mesh.columns=8.008: expected a "
+         "5:3: parameters.mesh.columns: in TMP/base.yaml, set mesh.columns=8.008: expected a "
          "whole number, not 8.008"),
         ("    sigma", "    stage: pull\n    sigma",
          "8:12: data.0.stage: the program has no such stage; it has prestrain, push, actuate"),

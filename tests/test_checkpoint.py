@@ -72,7 +72,7 @@ def test_arrays_that_have_changed_are_refused(stopped, name, change):
         resume(stopped)
     assert caught.value.exit_code == 2
     assert str(caught.value) == (
-        f"{stopped}/checkpoint: {DAMAGED.format(name)}; start anew with --overwrite"
+        f"{stopped}/checkpoint: {DAMAGED.format(name)}; start anew with overwrite=True"
     )
 
 
@@ -111,7 +111,7 @@ def test_a_history_that_has_changed_is_refused(stopped):
         resume(stopped)
     assert str(caught.value) == (
         f"{stopped}: cannot resume, history.csv is not what the run has written; it is restored "
-        "if you remove it; start anew with --overwrite"
+        "if you remove it; start anew with overwrite=True"
     )
     file.unlink()
     assert resume(stopped).status == "done"

@@ -489,13 +489,13 @@ def test_a_mount_that_a_force_or_a_spring_holds(tmp_path):
 
 
 def test_messages_of_a_run_count_overrides(tmp_path):
-    """What was wrong on the command line is told as such."""
+    """What was wrong in an override is told as such."""
     path = tmp_path / "case.yaml"
     path.write_text(TEXT)
     with pytest.raises(ConfigError) as caught:
         dealib.Simulation(dealib.load(path, set=["chambers={pump: {on: film.top}}"]))
     assert str(caught.value) == (
-        "--set chambers={pump: {on: film.top}}: chambers.pump.on: the face 'film.top' lies between "
+        "set chambers={pump: {on: film.top}}: chambers.pump.on: the face 'film.top' lies between "
         "two solids, where there is no room; choose a face of the outer surface"
     )
 

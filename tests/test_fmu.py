@@ -465,5 +465,5 @@ def test_states_that_are_not_stored_are_missed(made, tmp_path):
         for name in list(file["states"])[1:]:
             del file["states"][name]
     run = dealib.open(folder)
-    with pytest.raises(ConfigError, match="its states are not stored; --overwrite solves them"):
+    with pytest.raises(ConfigError, match="its states are not stored; overwrite=True solves them"):
         write_fmu(folder / "viscous.fmu", run, collect(run), strip(None).config)

@@ -50,7 +50,7 @@ def test_the_examples_of_the_page_run(tmp_path):
     assert (tmp_path / "force.png").stat().st_size > 5_000
     said = done.stdout
     assert "R2" not in said or "nan" not in said
-    assert "set: mesh.colums=8: unknown key; did you mean 'columns'?" in said
+    assert "set mesh.colums=8: unknown key; did you mean 'columns'?" in said
     assert "runs/strip exists and is not empty; choose another directory, overwrite=True" in said
 
 

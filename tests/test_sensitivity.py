@@ -326,7 +326,7 @@ def test_programs_of_other_kinds_are_refused_before_anything_is_solved(kind, mon
         dealib.sensitivities(case)
     head, _, rest = str(error.value).splitlines()[0].partition(": ")
     if changes:
-        assert head == f"--set {where}=true"
+        assert head == f"set {where}=true"
         assert rest == said
         return
     assert head.startswith(str(path))
@@ -336,11 +336,11 @@ def test_programs_of_other_kinds_are_refused_before_anything_is_solved(kind, mon
 
 
 MISTAKES = [
-    ({"of": ["force"]}, "--of: unknown name 'force'; did you mean 'force_N'?"),
-    ({"of": ["open('x')"]}, "--of: unknown function 'open'"),
-    ({"of": ['end(force_N, "psh")']}, "--of: there is no stage 'psh'; did you mean 'push'?"),
-    ({"of": ["force_N / (time_s - time_s)"]}, "--of: 'force_N / (time_s - time_s)' is infinite"),
-    ({"at": "psh"}, "--at: there is no stage 'psh'; did you mean 'push'?"),
+    ({"of": ["force"]}, "of: unknown name 'force'; did you mean 'force_N'?"),
+    ({"of": ["open('x')"]}, "of: unknown function 'open'"),
+    ({"of": ['end(force_N, "psh")']}, "of: there is no stage 'psh'; did you mean 'push'?"),
+    ({"of": ["force_N / (time_s - time_s)"]}, "of: 'force_N / (time_s - time_s)' is infinite"),
+    ({"at": "psh"}, "at: there is no stage 'psh'; did you mean 'push'?"),
     ({"key": ["geometry.radius"]}, "the config has no number 'geometry.radius'"),
     (
         {"key": ["geometry.electrode_thickness"]},

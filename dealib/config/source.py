@@ -166,7 +166,7 @@ _CALL = re.compile(r"[^{}\[\]]*?\([^()]*\)")
 
 def _set() -> str:
     """How overrides are called."""
-    return by_caller("--set ", "set: ")
+    return by_caller("--set ", "set ")
 
 
 def _start() -> str:
