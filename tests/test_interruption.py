@@ -414,7 +414,8 @@ def test_resume_says_what_a_damaged_run_lacks(stopped):
     with pytest.raises(ConfigError, match=r"cannot resume, .*results.h5: missing") as caught:
         dealib.simulate(small(), stopped, resume=True)
     assert str(caught.value).endswith(
-        "still readable: run.json, history.csv, config.resolved.yaml; start anew with overwrite=True"
+        "still readable: run.json, history.csv, config.resolved.yaml; "
+        "start anew with overwrite=True"
     )
     (stopped / "run.json").write_text("{")
     (stopped / "mine.txt").write_text("kept")

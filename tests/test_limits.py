@@ -84,9 +84,7 @@ def test_aliases_that_are_few_are_welcome(tmp_path):
 
 def test_the_limits_hold_for_overrides(tmp_path):
     (tmp_path / "case.yaml").write_text(BASE)
-    with pytest.raises(
-        ConfigError, match=r"^set program=\[\[.*: more than 50 levels of nesting$"
-    ):
+    with pytest.raises(ConfigError, match=r"^set program=\[\[.*: more than 50 levels of nesting$"):
         load(tmp_path / "case.yaml", ["program=" + "[" * 1000])
 
 
