@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import dealib
-from dealib.cases.job import Job, run
+from dealib.cases.job import Job, reuse, run
+from dealib.design.evaluate import evaluate
 from dealib.errors import NotConverged
 from dealib.fem.reuse import Reuse
 from dealib.program import Simulation
@@ -35,10 +36,10 @@ def history(case, newton=None):
     return np.array([[row[name] for name in columns] for row in rows], float)
 
 
-def check_next(reuse, before, config, changes):
+def check_next(solvers, before, config, changes):
     """Solve a case with the solver of the one before, and compare with its own."""
     case = dealib.load(config, set=changes)
-    newton = reuse.newton(case.config, MPI.COMM_SELF)
+    newton = solvers.newton(case.config, MPI.COMM_SELF)
     assert newton is before
     found, fresh = history(case, newton), history(case)
     assert found.shape == fresh.shape
@@ -63,19 +64,19 @@ def check_next(reuse, before, config, changes):
     ids=["strip", "mixed", "traction", "viscous", "air", "chamber", "sheet", "softening", "follow"],
 )
 def test_the_next_case_is_that_of_a_new_solver(config, base, changes):
-    reuse, case = Reuse(), dealib.load(config, set=base)
-    newton = reuse.newton(case.config, MPI.COMM_SELF)
+    solvers, case = Reuse(), dealib.load(config, set=base)
+    newton = solvers.newton(case.config, MPI.COMM_SELF)
     history(case, newton)
     for change in changes:
-        check_next(reuse, newton, config, base | change)
+        check_next(solvers, newton, config, base | change)
 
 
 def test_a_case_after_one_that_failed_starts_at_rest():
-    reuse, case = Reuse(), dealib.load(SMALL, set=FAILING)
-    newton = reuse.newton(case.config, MPI.COMM_SELF)
+    solvers, case = Reuse(), dealib.load(SMALL, set=FAILING)
+    newton = solvers.newton(case.config, MPI.COMM_SELF)
     with pytest.raises(NotConverged):
         list(Simulation(case, MPI.COMM_SELF, newton=newton))
-    check_next(reuse, newton, SMALL, {THICKNESS: "60 um"})
+    check_next(solvers, newton, SMALL, {THICKNESS: "60 um"})
 
 
 @pytest.mark.parametrize(
@@ -92,10 +93,10 @@ def test_a_case_after_one_that_failed_starts_at_rest():
     ids=["cells", "law", "form", "charging", "solver", "layers"],
 )  # fmt: skip
 def test_other_equations_or_cells_get_a_new_solver(changes):
-    reuse = Reuse()
-    first = reuse.newton(dealib.load(SMALL).config, MPI.COMM_SELF)
+    solvers = Reuse()
+    first = solvers.newton(dealib.load(SMALL).config, MPI.COMM_SELF)
     other = dealib.load(SMALL, set=changes)
-    assert reuse.newton(other.config, MPI.COMM_SELF) is not first
+    assert solvers.newton(other.config, MPI.COMM_SELF) is not first
 
 
 def test_a_worker_writes_what_a_run_of_its_own_does(tmp_path):
@@ -143,3 +144,17 @@ def test_memory_does_not_grow_with_the_cases():
     assert solvers == 2
     assert max(used[4:6]) - max(used[2:4]) < 2
     assert max(used[9:]) - max(used[6:9]) < 2
+
+
+def test_slopes_with_a_reused_solver_are_those_of_a_new_one():
+    of, keys = {"force": 'end(force_N, "push")'}, (MODULUS, THICKNESS)
+    evaluate(dealib.load(SMALL), of, keys)
+    before = reuse().newton(dealib.load(SMALL).config, MPI.COMM_SELF)
+    case = dealib.load(SMALL, set={THICKNESS: "60 um"})
+    found = evaluate(case, of, keys)
+    assert reuse().newton(dealib.load(SMALL).config, MPI.COMM_SELF) is before
+    reuse.cache_clear()
+    fresh = evaluate(case, of, keys)
+    assert found.values["force"] == pytest.approx(fresh.values["force"], rel=1e-12)
+    assert set(found.slopes["force"]) == set(keys)
+    assert found.slopes["force"] == pytest.approx(fresh.slopes["force"], rel=1e-8)

@@ -18,6 +18,7 @@ from dealib.config.case import Case, resolved
 from dealib.config.schema import Config
 from dealib.design.keys import Key, changed, keys, moved
 from dealib.errors import ConfigError, DealibError, first_line
+from dealib.fem.reuse import Reuse
 from dealib.files import write_new
 from dealib.plots.labels import split
 from dealib.program import Simulation
@@ -108,6 +109,7 @@ class Session:
 
     def __init__(self, case: Case, wanted: Sequence[str] = ()) -> None:
         self._case, self.sliders = case, sliders(case.config, wanted)
+        self._reuse = dict[tuple[bool, str], Reuse]()
         self._turn, self._ticket, self._newest = threading.Condition(), 0, Values()
         self._asked: tuple[int, int, Values] | None = None
         self._found: tuple[int, Answer | None] = (0, None)
@@ -201,7 +203,10 @@ class Session:
             mesh = config.mesh.model_copy(update={"columns": columns})
             cut = [s.model_copy(update={"steps": min(s.steps, _STEPS)}) for s in config.program]
             config = config.model_copy(update={"mesh": mesh, "program": tuple(cut)})
-        simulation = Simulation(replace(self._case, config=config), MPI.COMM_SELF)
+        kind = bool(quick), config.physics.model  # each has a mesh of its own
+        reuse = self._reuse.setdefault(kind, Reuse())
+        case = replace(self._case, config=config)
+        simulation = Simulation(case, MPI.COMM_SELF, reuse=reuse)
         rows, states = list[Any](), list[Any]()
         for state in simulation:
             rows.append(state.row)

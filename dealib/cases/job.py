@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import shutil
 import sys
@@ -119,19 +120,13 @@ def solve(case: Case, job: Job, report: Report | None, **options: Any) -> None:
     from dealib.program import simulate
     from dealib.results.info import INFO
 
-    global _reuse
-    if _reuse is None:
-        from dealib.fem.reuse import Reuse
-
-        _reuse = Reuse()
-
     if not (job.directory / INFO).is_file():  # a rest, which `simulate` would not overwrite
         shutil.rmtree(job.directory, ignore_errors=True)
     observers: list[Any] = [] if report is None else [_Reporter(report)]
     if job.watch is not None:
         observers.append(job.watch(job.directory))
     done: Any = {"overwrite": True, "resumable": False, "observers": observers, **options}
-    done |= {"comm": MPI.COMM_SELF, "reuse": _reuse}
+    done |= {"comm": MPI.COMM_SELF, "reuse": reuse()}
     if job.spectrum is None:
         simulate(case, job.directory, **done)
         return
@@ -140,7 +135,12 @@ def solve(case: Case, job: Job, report: Report | None, **options: Any) -> None:
     solve_spectrum(case, job.directory, *job.spectrum, **done)
 
 
-_reuse: Any = None  # the process's own, once it is needed: dolfinx is imported for it
+@functools.cache
+def reuse() -> Any:
+    """The process's solver, which its cases take over from each other where they can."""
+    from dealib.fem.reuse import Reuse  # imports dolfinx
+
+    return Reuse()
 
 
 class _Reporter:

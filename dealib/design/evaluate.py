@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from dealib.cases.cache import key
-from dealib.cases.job import Job, Report
+from dealib.cases.job import Job, Report, reuse
 from dealib.config import Case, load
 from dealib.errors import ConfigError, NotConverged, ValueAt
 from dealib.files import write_text
@@ -54,7 +54,9 @@ def evaluate(case: Case, quantities: Mapping[str, str], names: Sequence[str] = (
         refuse(case.config)
     except ValueAt:
         wanted = None
-    found = find(case, list(quantities.values()), wanted, comm=MPI.COMM_SELF, rough=True)
+    found = find(
+        case, list(quantities.values()), wanted, comm=MPI.COMM_SELF, rough=True, reuse=reuse()
+    )
     slopes: dict[str, dict[str, float]] = {name: {} for name in quantities}
     for name, text in quantities.items():
         of = (row for row in found.rows if row["quantity"] == text)

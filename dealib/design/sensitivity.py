@@ -24,6 +24,7 @@ from dealib.config.schema import Config
 from dealib.design.keys import in_time, keys
 from dealib.design.neighbours import Neighbours
 from dealib.errors import ConfigError, ValueAt, by_caller, did_you_mean
+from dealib.fem.reuse import Reuse
 from dealib.program.simulation import Simulation
 from dealib.program.work import LOST, STORED
 from dealib.study.expressions import Expression
@@ -91,10 +92,12 @@ def find(
     at: str | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
     rough: bool = False,
+    reuse: Reuse | None = None,
 ) -> Found:
     """The same with what is told besides; of no key: values alone, of any program.
 
-    `rough` is to 1e-4 in half the time, and leaves out a named key without sensitivities.
+    `rough` is to 1e-4 in half the time, and leaves out a named key without sensitivities. `reuse`
+    gives the solver.
     """
     if key is not None:
         with case.blamed():
@@ -102,7 +105,7 @@ def find(
     case = replace(case, config=as_function_of_state(case.config))
     quantities = _Quantities(case.config, of, at)
     chosen = [] if key is None else keys(case.config, key)
-    base = Simulation(case, comm)
+    base = Simulation(case, comm, reuse=reuse)
     step, strict = (_ROUGH, False) if rough else (STEP, bool(key))
     near = Neighbours(base, chosen, quantities.needed, step, strict, both=not rough)
     rows, given = [], set[str]()

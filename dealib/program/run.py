@@ -182,11 +182,7 @@ def simulate(
             log.info("%s", shlex.join(info["argv"]))
             log.info("%s", ", ".join(f"{k} {v}" for k, v in info["versions"].items()))
             mesh_file = path / "mesh.msh" if saved is None else None
-            newton = None
-            if reuse is not None:
-                with case.blamed():
-                    newton = reuse.newton(case.config, comm, mesh_file)
-            simulation = Simulation(case, comm, mesh_file, saved, newton)
+            simulation = Simulation(case, comm, mesh_file, saved, reuse=reuse)
             writer = StepWriter if beside is None else partial(beside.open, lock=lock)
             recorder = Recorder(path, case, writer, resumable)
             session.run(simulation, recorder, observers, signals, look)

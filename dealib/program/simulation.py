@@ -12,6 +12,7 @@ from dealib.config.bias import Sampled, SecondFilm
 from dealib.config.case import Case
 from dealib.config.program import Stage
 from dealib.fem.newton import Newton
+from dealib.fem.reuse import Reuse
 from dealib.program.bias import second_film
 from dealib.program.engine import Engine
 from dealib.program.history import History, State
@@ -38,6 +39,7 @@ class Simulation:
         resume: Go on from there (on any number of ranks) instead of from the start.
         newton: A solver that it shares with others: it can only go `beside` them.
         only: Columns of the history to measure; default all.
+        reuse: Gives the solver, that of the simulation before where it fits, which then ends.
 
     Raises:
         ConfigError: If the checkpoint belongs to another mesh.
@@ -53,9 +55,12 @@ class Simulation:
         resume: Checkpoint | None = None,
         newton: Newton | None = None,
         only: Collection[str] | None = None,
+        reuse: Reuse | None = None,
     ) -> None:
         self.case, self.comm = case, comm
         with case.blamed():
+            if reuse is not None:
+                newton = reuse.newton(case.config, comm, mesh_file)
             self.engine = Engine(case.config, comm, mesh_file, newton)
             self._history = History(self.engine, only)
         self._stages = case.config.program
