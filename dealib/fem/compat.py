@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import fcntl
 import functools
+import importlib.metadata
 import inspect
 import logging
 import os
 import sys
+import types
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
@@ -23,12 +25,25 @@ if "-no_signal_handler" not in (_options := os.environ.get("PETSC_OPTIONS", ""))
 
 from mpi4py import MPI as _MPI  # noqa: F401 - finds the MPI that dolfinx's wheel needs
 
+
+def _look_up(name: str) -> Any:
+    """What a module asks of `pkg_resources` besides versions."""
+    sys.modules.pop("pkg_resources", None)
+    return getattr(importlib.import_module("pkg_resources"), name)
+
+
+# ufl and ffcx 2022 ask it for their versions alone, and it takes 0.2 s to import
+_versions = types.ModuleType("pkg_resources")
+vars(_versions).update(get_distribution=importlib.metadata.distribution, __getattr__=_look_up)
+_stands_in = sys.modules.setdefault("pkg_resources", _versions) is _versions
 _setdlopenflags = sys.setdlopenflags
 sys.setdlopenflags = lambda flags: None  # dolfinx 0.5 asks for RTLD_GLOBAL: VTK would abort
 _root = logging.getLogger()
 _root_level, _root_handlers = _root.level, list(_root.handlers)
 import dolfinx  # noqa: E402
 
+if _stands_in and sys.modules.get("pkg_resources") is _versions:
+    del sys.modules["pkg_resources"]
 sys.setdlopenflags = _setdlopenflags
 _root.setLevel(_root_level)  # ffcx 0.5 configures the root logger at import
 _root.handlers[:] = _root_handlers
