@@ -15,6 +15,8 @@ import dealib  # before numpy, so that all processes compute with the same kerne
 import pandas as pd
 import pytest
 
+from dealib import patience
+from dealib.__main__ import main
 from dealib.config import Config
 from dealib.device.gmsh_model import gmsh_model
 from dealib.results import local
@@ -72,6 +74,28 @@ def thinned(given: dealib.Case, path: Path, thickness: Callable[[float], float])
             mesh.setNode(tag, [R, Z * thickness(share), 0], [])
         session.write(str(path))
     return path
+
+
+@pytest.fixture
+def program(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> Callable[..., subprocess.CompletedProcess[str]]:
+    """Runs the program in a folder, and in this process, whose libraries are loaded."""
+
+    def run(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+        words = ["dealib", *map(str, arguments)]
+        capsys.readouterr()
+        with monkeypatch.context() as there:
+            there.chdir(cwd)
+            there.setattr(sys, "argv", words)
+            there.setattr(patience, "_MOMENT", 1e9)  # a busy machine would be told that it meshes
+            with pytest.raises(SystemExit) as stop:
+                main()
+        code = stop.value.code or 0
+        assert isinstance(code, int)
+        return subprocess.CompletedProcess(words, code, *capsys.readouterr())
+
+    return run
 
 
 @pytest.fixture(scope="session")

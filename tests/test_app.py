@@ -91,6 +91,7 @@ def session():
 
 
 @browser
+@pytest.mark.once
 def test_the_page_follows_its_sliders(tmp_path, session):
     (tmp_path / "deap100-app-1.yaml").write_text("kept\n")
     (slider,) = session.sliders
@@ -146,6 +147,7 @@ def test_the_page_follows_its_sliders(tmp_path, session):
 
 
 @browser
+@pytest.mark.once
 def test_a_run_is_viewed(strip_run, tmp_path):
     with (
         page(tmp_path, "view", strip_run.directory) as shown,

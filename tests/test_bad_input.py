@@ -732,6 +732,7 @@ def test_unreadable_file(tmp_path, monkeypatch):
     assert caught.value.exit_code == 2
 
 
+@pytest.mark.once
 def test_light_commands_import_nothing_heavy():
     """`check`, `schema` and `--help` import no dolfinx, pandas, matplotlib, and are quick.
 

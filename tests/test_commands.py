@@ -1,34 +1,24 @@
 """Commands that no other test runs on real output: mesh, info, dry runs, a study's report."""
 
-import subprocess
-import sys
-
 import gmsh
 import pytest
-from conftest import CONFIGS, said
+from conftest import CONFIGS
 
 import dealib
 
 
-def command(*arguments, cwd):
-    """Run the program; returns its exit code, output and errors."""
-    done = subprocess.run(
-        [sys.executable, "-m", "dealib", *map(str, arguments)],
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
-    return done.returncode, done.stdout, said(done.stderr)
+@pytest.fixture
+def command(program):
+    """Runs the program; returns its exit code, output and errors."""
+
+    def run(*arguments, cwd):
+        done = program(*arguments, cwd=cwd)
+        return done.returncode, done.stdout, done.stderr
+
+    return run
 
 
-@pytest.fixture(autouse=True)
-def _own_code(monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", str(CONFIGS.parent))
-
-
-def test_mesh_writes_file_and_picture(tmp_path):
+def test_mesh_writes_file_and_picture(command, tmp_path):
     config = CONFIGS / "benchmark_strip_air.yaml"
     view = tmp_path / "m.png"
     code, out, err = command("mesh", config, "--out", "m.msh", "--view", view, cwd=tmp_path)
@@ -50,7 +40,7 @@ def test_mesh_writes_file_and_picture(tmp_path):
     assert "m.msh exists" in err
 
 
-def test_mesh_refuses_a_picture_of_an_unknown_format(tmp_path):
+def test_mesh_refuses_a_picture_of_an_unknown_format(command, tmp_path):
     config = CONFIGS / "benchmark_strip.yaml"
     code, out, err = command("mesh", config, "--out", "m.msh", "--view", "m.txt", cwd=tmp_path)
     assert (code, out) == (2, "")
@@ -58,7 +48,7 @@ def test_mesh_refuses_a_picture_of_an_unknown_format(tmp_path):
     assert not (tmp_path / "m.msh").exists()
 
 
-def test_info_tells_what_a_run_holds(strip_run, tmp_path):
+def test_info_tells_what_a_run_holds(command, strip_run, tmp_path):
     code, out, err = command("info", strip_run.directory, cwd=tmp_path)
     assert (code, err) == (0, "")
     # the directory's name tells runs of one config apart; what is beyond a limit comes first
@@ -70,14 +60,14 @@ def test_info_tells_what_a_run_holds(strip_run, tmp_path):
     assert "17" in next(line for line in out.splitlines() if line.startswith("steps"))
 
 
-def test_dry_run_writes_nothing(tmp_path):
+def test_dry_run_writes_nothing(command, tmp_path):
     code, out, err = command("run", CONFIGS / "benchmark_strip.yaml", "--dry-run", cwd=tmp_path)
     assert (code, err) == (0, "")
     assert "3943 unknowns, 17 steps" in out
     assert not list(tmp_path.iterdir())
 
 
-def test_report_of_a_study_is_its_gallery(tmp_path):
+def test_report_of_a_study_is_its_gallery(command, tmp_path):
     study = CONFIGS / "thesis" / "fig04.yaml"
     code, out, err = command("report", study, "--out", "pages", cwd=tmp_path)
     assert (code, err) == (0, "")

@@ -1,11 +1,8 @@
 """The library of published materials: complete, overridable, explained."""
 
-import subprocess
-import sys
-
 import numpy as np
 import pytest
-from conftest import CONFIGS, case, history
+from conftest import case, history
 from pydantic import TypeAdapter
 from scipy.optimize import brentq
 
@@ -75,13 +72,9 @@ def test_resolved_config_is_the_same(tmp_path):
     assert dealib.load(path).config == config
 
 
-def test_command_shows_and_draws_materials(tmp_path):
+def test_command_shows_and_draws_materials(program, tmp_path):
     def run(*arguments):
-        return subprocess.run(
-            [sys.executable, "-m", "dealib", "materials", *arguments],
-            cwd=tmp_path, capture_output=True, text=True, check=False,
-            env={"PYTHONPATH": str(CONFIGS.parent), "PATH": "/usr/bin:/bin"},
-        )  # fmt: skip
+        return program("materials", *arguments, cwd=tmp_path)
 
     listed = run().stdout
     for name, entry in library().items():

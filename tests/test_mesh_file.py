@@ -2,8 +2,6 @@
 
 import random
 import re
-import subprocess
-import sys
 
 import gmsh
 import numpy as np
@@ -51,15 +49,10 @@ SCRIPTS = [
 @pytest.mark.parametrize("command", ["mesh", "run", "check"])
 @pytest.mark.parametrize(("name", "text", "said"), [s[1:] for s in SCRIPTS],
                          ids=[s[0] for s in SCRIPTS])  # fmt: skip
-def test_a_mesh_file_runs_nothing(tmp_path, monkeypatch, command, name, text, said):
-    monkeypatch.setenv("PYTHONPATH", str(CONFIGS.parent))
+def test_a_mesh_file_runs_nothing(program, tmp_path, command, name, text, said):
     (tmp_path / name).write_text(text)
     config = CONFIGS / "benchmark_strip.yaml"
-    call = [command, config, "--set", f"mesh.file={tmp_path / name}"]
-    done = subprocess.run(
-        [sys.executable, "-m", "dealib", *map(str, call)],
-        cwd=tmp_path, capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    done = program(command, config, "--set", f"mesh.file={tmp_path / name}", cwd=tmp_path)
     assert (done.returncode, done.stdout) == (2, "")
     assert done.stderr == f"dealib: {tmp_path / name}: {said}\n"
     assert [p.name for p in tmp_path.iterdir()] == [name]

@@ -163,6 +163,7 @@ def browse(page, folder, *options):
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no chromium here (Debian: apt install chromium)")
+@pytest.mark.once
 def test_a_browser_shows_the_page(page, tmp_path):
     found = browse(page, tmp_path / "a", "--dump-dom")
     said = [line for line in found.stderr.splitlines() if "CONSOLE" in line]

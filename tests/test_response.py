@@ -2,8 +2,6 @@
 
 import json
 import math
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -71,29 +69,18 @@ def test_laws_without_a_limit():
     assert stiffness(MR, 1.0, 1.0) == pytest.approx(2 * 2 * (0.3 + 0.1), rel=1e-6)
 
 
-def run_command(*arguments, cwd):
-    return subprocess.run(
-        [sys.executable, "-m", "dealib", "materials", *arguments],
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        check=False,
-        env={"PYTHONPATH": str(CONFIGS.parent), "PATH": "/usr/bin:/bin"},
-    )
-
-
-def test_command_lists_laws_and_draws_one(tmp_path):
-    listed = run_command(cwd=tmp_path)
+def test_command_lists_laws_and_draws_one(program, tmp_path):
+    listed = program("materials", cwd=tmp_path)
     assert listed.returncode == 0
     for name in LAWS:
         assert f"{name}: " in listed.stdout
     first = ("mooney_rivlin", "--set", "youngs_modulus=1.25 MPa", "--out", "mr.svg")
-    drawn = run_command(*first, cwd=tmp_path)
+    drawn = program("materials", *first, cwd=tmp_path)
     assert drawn.returncode == 0, drawn.stderr
     assert "stable to 1.3551" in drawn.stdout
     picture = (tmp_path / "mr.svg").read_text(encoding="utf-8")
     assert picture.startswith("<?xml")
-    again = run_command(*first, cwd=tmp_path)
+    again = program("materials", *first, cwd=tmp_path)
     assert again.returncode == 2
     assert "mr.svg exists" in again.stderr
     assert (tmp_path / "mr.svg").read_text(encoding="utf-8") == picture
@@ -109,8 +96,8 @@ def test_command_lists_laws_and_draws_one(tmp_path):
         (("--config", str(CONFIGS / "membrane.yaml"), "--region", "electrode"), "no such material"),
     ],
 )
-def test_command_explains_mistakes(tmp_path, arguments, message):
-    result = run_command(*arguments, cwd=tmp_path)
+def test_command_explains_mistakes(program, tmp_path, arguments, message):
+    result = program("materials", *arguments, cwd=tmp_path)
     assert result.returncode == 2
     assert message in result.stderr
     assert "Traceback" not in result.stderr

@@ -219,6 +219,7 @@ addEventListener("load", () => setTimeout(() => {
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no chromium here (Debian: apt install chromium)")
+@pytest.mark.once
 def test_the_slider_and_the_menu_move_the_view(plate, tmp_path, monkeypatch):
     path = tmp_path / "page.html"
     text = text_of(plate, monkeypatch)

@@ -7,6 +7,7 @@ import sys
 import pytest
 from conftest import CONFIGS
 
+pytestmark = pytest.mark.once
 SMALL = CONFIGS.parent / "tests" / "small.yaml"
 SHORT = ["--set", "program.0.steps=2", "--set", "program.1.steps=2"]
 LOST = "dealib: cannot write to standard output: No space left on device\n"

@@ -103,12 +103,10 @@ def folder(tmp_path_factory):
     return path
 
 
-def run_cli(folder, *arguments, timeout=300):
-    command = [sys.executable, "-m", "dealib", *map(str, arguments)]
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    return subprocess.run(
-        command, cwd=folder, env=environment, capture_output=True, text=True, timeout=timeout
-    )
+@pytest.fixture
+def run_cli(program):
+    """Runs the program in a folder."""
+    return lambda folder, *arguments: program(*arguments, cwd=folder)
 
 
 # --- expressions ---------------------------------------------------------------------------------
@@ -325,7 +323,7 @@ def test_a_material_is_not_stretched_to_nothing(tmp_path):
     )
 
 
-def test_configs_beside_studies_are_left_out(folder, tmp_path):
+def test_configs_beside_studies_are_left_out(run_cli, folder, tmp_path):
     for name in ("tiny", "study", "sweep"):
         (tmp_path / f"{name}.yaml").write_text((folder / f"{name}.yaml").read_text())
     (tmp_path / "fit.yaml").write_text("name: fit\nbase: tiny.yaml\nparameters: {}\ndata: []\n")
@@ -343,7 +341,7 @@ def test_configs_beside_studies_are_left_out(folder, tmp_path):
 # --- running -------------------------------------------------------------------------------------
 
 
-def test_study_solves_draws_and_compares(folder):
+def test_study_solves_draws_and_compares(run_cli, folder):
     done = run_cli(folder, "study", "study.yaml", "-j", 2, "--cache", "cases")
     assert done.returncode == 0, done.stderr
     assert "4 cases in 1 study; 4 to solve" in done.stdout
@@ -419,7 +417,7 @@ def test_a_log_axis_needs_limits_above_zero(folder):
         read(path)
 
 
-def test_sweep_goes_on_past_failures_and_resumes(folder):
+def test_sweep_goes_on_past_failures_and_resumes(run_cli, folder):
     done = run_cli(folder, "sweep", "sweep.yaml", "-j", 2, "--cache", "swept")
     assert done.returncode == 3, done.stderr
     summary = pd.read_csv(folder / "runs" / "studies" / "voltages" / "summary.csv")
@@ -463,7 +461,7 @@ def test_an_interrupted_sweep_keeps_what_is_solved(folder):
     assert [job.label for job in left] == [f"voltages: {c.label}" for c in plan.cases[-len(left) :]]
 
 
-def test_a_cache_that_cannot_be_is_told(folder):
+def test_a_cache_that_cannot_be_is_told(run_cli, folder):
     (folder / "file").write_text("")
     done = run_cli(folder, "sweep", "sweep.yaml", "-j", 1, "--cache", "file/cases", "--out", "no")
     assert done.returncode == 3
@@ -473,7 +471,7 @@ def test_a_cache_that_cannot_be_is_told(folder):
 
 
 @pytest.mark.mpi
-def test_sweep_in_ranks(folder):
+def test_sweep_in_ranks(run_cli, folder):
     done = run_cli(folder, "sweep", "sweep.yaml", "--cache", "ranks", "--out", "r", "--mpi", 3)
     assert done.returncode == 3, done.stderr
     serial = read(folder / "sweep.yaml")
@@ -557,7 +555,7 @@ def test_a_damaged_case_is_solved_again(folder, tmp_path):
         np.testing.assert_array_equal(again.values[name], values)
 
 
-def test_infinite_numbers_are_told_by_name_before_and_after_solving(folder):
+def test_infinite_numbers_are_told_by_name_before_and_after_solving(run_cli, folder):
     for text, problem in {
         "1/0": "'1/0' is infinite",
         "0/0": "'0/0' is undefined",
@@ -666,8 +664,8 @@ CONTRADICTIONS = {
 
 
 @pytest.mark.slow
-def test_physics_of_the_thesis(tmp_path):
-    done = run_cli(tmp_path, "study", THESIS, "-j", 2, "--out", "out", timeout=1800)
+def test_physics_of_the_thesis(run_cli, tmp_path):
+    done = run_cli(tmp_path, "study", THESIS, "-j", 2, "--out", "out")
     assert done.returncode == 0, done.stderr
     windows = pd.read_csv(tmp_path / "out" / "windows.csv")
     assert set(windows["study"]) == {p.stem for p in find(THESIS)}
