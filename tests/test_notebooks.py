@@ -15,7 +15,7 @@ ROOT = Path(__file__).parent.parent
 NUMBER = re.compile(r"-?\d+\.?\d*(?:e[-+]?\d+)?")
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 LESSONS = [path for path in NOTEBOOKS if "thesis" not in path.stem]
-CLEAR = f"import os\nos.chdir({str(ROOT / 'notebooks')!r})\n%reset -f"
+CLEAR = f"import os\nos.chdir({str(ROOT / 'notebooks')!r})\n%reset_selective -f ^[^_]"
 
 
 def texts(notebook):
