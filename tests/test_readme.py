@@ -62,6 +62,7 @@ def coarse(text):
     text = re.sub(r"\bsteps: (\d+)", lambda m: f"steps: {min(int(m[1]), 6)}", text)
     text = re.sub(r"\bcycles: \d+", "cycles: 1", text)
     text = text.replace("[50 ms, 1 s, 10 s, 100 s, 2000 s]", "[50 ms, 100 s, 2000 s]")  # of rates
+    text = text.replace("duration: 1.25 s", "duration: 30 ms")  # of six arms that swing
     return re.sub(r"\bair_height: \S+ mm", "air_height: 0 mm", text)
 
 
