@@ -73,6 +73,7 @@ def coarse(text):
     if "\nparameters:" in text:  # of a fit
         text = text.replace("\nmethod:\n", "\nmethod:\n  tolerance: 0.05\n")
     text = text.replace("[50 ms, 1 s, 10 s, 100 s, 2000 s]", "[50 ms, 100 s, 2000 s]")  # of rates
+    text = text.replace("duration: 1.25 s", "duration: 30 ms")  # of six arms that swing
     return re.sub(r"\bair_height: \S+ mm", "air_height: 0 mm", text)
 
 
