@@ -20,9 +20,9 @@ from dealib.program import Simulation, simulate
 from dealib.results.beside import Beside
 from dealib.results.reader import Run
 from dealib.results.summary import VERDICTS
+from dealib.tasks.arguments import exclude
 from dealib.tasks.info import resume_command, summary
 from dealib.tasks.progress import Progress
-from dealib.tasks.solving import exclude
 from dealib.units import counted
 
 _COLOURS = dict(zip(VERDICTS, (typer.colors.RED, typer.colors.YELLOW), strict=True))

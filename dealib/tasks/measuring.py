@@ -17,8 +17,8 @@ from dealib.errors import ConfigError, Interrupted, PlatformError, by_caller, di
 from dealib.files import write_text
 from dealib.materials.laws import LAWS, Law
 from dealib.materials.published import library
+from dealib.tasks.arguments import exclude, silent
 from dealib.tasks.pictures import Given, as_run, as_runs
-from dealib.tasks.solving import exclude, silent
 
 if TYPE_CHECKING:
     import pandas

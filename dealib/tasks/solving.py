@@ -6,52 +6,16 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mpi4py import MPI
-
-from dealib.config.case import Case, load
 from dealib.config.size import refuse_full_disk
 from dealib.errors import ConfigError, by_caller, in_the_way
-from dealib.program.modes import Watch, at_rest
-from dealib.program.run import simulate
 from dealib.results import circuit, spectra
 from dealib.results.reader import Run
-from dealib.units import sensible
+from dealib.tasks.arguments import Given, as_case, exclude, silent, value
 
 if TYPE_CHECKING:
     from dealib.results.bias import BiasChart
     from dealib.results.circuit import Circuit
     from dealib.results.tables import Tables
-
-Given = Case | str | Path
-
-
-def silent(line: str) -> None:
-    """Tell nobody."""
-
-
-def as_case(case: Given) -> Case:
-    """A case, or that of a config's path."""
-    return case if isinstance(case, Case) else load(case)
-
-
-def value(argument: str, given: str | float, dimension: str) -> float:
-    """A quantity in the internal unit, of a text with its unit or a number in that unit.
-
-    Args:
-        argument: Its name; on the command line it is an option.
-        given: The quantity.
-        dimension: Key of `dealib.units.DIMENSIONS`.
-
-    Raises:
-        ConfigError: If it is none.
-    """
-    if isinstance(given, (int, float)):
-        return float(given)
-    try:
-        return sensible(given, dimension)
-    except ValueError as error:
-        option = "--" + argument.replace("_", "-")
-        raise ConfigError(f"{by_caller(option, argument)}: {error}") from None
 
 
 def modes(
@@ -80,6 +44,11 @@ def modes(
         ConfigError: If a stage or a density is missing, or the directory exists.
         NotConverged: If a step failed; what was found before is kept.
     """
+    from mpi4py import MPI
+
+    from dealib.program.modes import Watch, at_rest
+    from dealib.program.run import simulate
+
     case = as_case(case)
     watch = Watch(stages, along, count)
     still = at_rest(case, [*stages, *([along] if along is not None else [])])
@@ -136,7 +105,11 @@ def respond(
         ConfigError: If an argument is wrong, or the directory exists.
         NotConverged: If a step failed.
     """
+    from mpi4py import MPI
+
+    from dealib.program.modes import at_rest
     from dealib.program.response import Driver, Spectrum, frequencies, terminal_of
+    from dealib.program.run import simulate
 
     case = as_case(case)
     names = (by_caller("from", "low"), by_caller("to", "high"))
@@ -238,6 +211,7 @@ def export_tables(
         PlatformError: If an FMU cannot be compiled.
     """
     from dealib.export.fmu import compiler, write_fmu
+    from dealib.program.run import simulate
     from dealib.program.tables import tables_case
     from dealib.results.tables import collect
 
@@ -256,17 +230,6 @@ def export_tables(
         path = directory / f"{case.config.name}.fmu"
         tell(f"{path}: {write_fmu(path, run, tables, case.config)}")
     return tables
-
-
-def exclude(overwrite: bool, resume: bool) -> None:
-    """Refuse both at once.
-
-    Raises:
-        ConfigError: If both are given.
-    """
-    if overwrite and resume:
-        both = by_caller("--overwrite and --resume", "overwrite and resume")
-        raise ConfigError(f"{both} exclude each other")
 
 
 def write_mesh(

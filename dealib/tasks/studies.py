@@ -17,8 +17,8 @@ from dealib.study import plan as planning
 from dealib.study import sweep
 from dealib.study.plan import Plan
 from dealib.study.sweep import CaseStatus
+from dealib.tasks.arguments import silent
 from dealib.tasks.measuring import CASES
-from dealib.tasks.solving import silent
 from dealib.units import counted
 
 if TYPE_CHECKING:
