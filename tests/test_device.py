@@ -527,3 +527,47 @@ def test_a_device_that_nothing_drives_is_solved():
     for name in ("elastic_energy_mJ", "thickness_stretch_min", "stretch_max"):
         assert found[name] == pytest.approx(expected[name], rel=1e-9), name
     assert found["elastic_energy_mJ"] > 0.1
+
+
+LEFT = {"X": ["-6 mm", "-2 mm"]}
+ROUND = {"centre": ["-3 mm", "0 mm"], "radius": "1 mm"}
+
+
+@pytest.mark.parametrize("model", ["solid", "membrane"])
+@pytest.mark.parametrize(
+    ("one", "other", "apart"),
+    [
+        (LEFT, {"X": ["-3 mm", "5 mm"]}, False),
+        (LEFT, {"X": ["-2 mm", "5 mm"]}, False),
+        (LEFT, None, False),
+        (LEFT | {"Y": ["-3 mm", "-1 mm"]}, {"X": ["-3 mm", "5 mm"], "Y": ["1 mm", "3 mm"]}, True),
+        (ROUND, {"X": ["-2 mm", "5 mm"]}, False),
+        (ROUND, {"X": ["-1.9 mm", "5 mm"], "Y": ["-1 mm", "1 mm"]}, True),
+        (ROUND, {"X": ["-2.2 mm", "5 mm"], "Y": ["0.8 mm", "3 mm"]}, True),
+    ],
+)
+def test_terminals_on_one_face_keep_apart(model, one, other, apart):
+    """A membrane, whose potential has no nodes, had been solved with one of both in vain."""
+    inside = [{} if within is None else {"within": within} for within in (one, other)]
+    terminals = {name: {"on": "film.top"} | w for name, w in zip("ab", inside, strict=True)}
+    base = {"kind": "rectangle", "length": "20 mm", "width": "10 mm"}
+    sections = {
+        "geometry": {"base": base, "space": "3d"},
+        "terminals": terminals | {"g": {"on": "film.bottom", "ground": True}},
+        "physics": {"model": model},
+    }
+    if apart:
+        assert [port.name for port in config("strip", **sections).device.of(TERMINAL)] == ["a", "b"]
+        return
+    with pytest.raises(ValueError, match="it touches 'a'; leave a gap between them"):
+        config("strip", **sections)
+
+
+def test_faces_that_lie_on_each_other_have_one_terminal():
+    two = [layer("low", material="film"), layer("high", material="film")]
+    terminals = {"a": {"on": "low.top"}, "b": {"on": "high.bottom"}}
+    terminals["g"] = {"on": ["low.bottom", "high.top"], "ground": True}
+    for model in ("solid", "membrane"):
+        given = config("annulus", *two, terminals=terminals, physics={"model": model})
+        with pytest.raises(ConfigError, match="it touches 'a'; leave a gap between them"):
+            simulation(given)

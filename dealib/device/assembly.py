@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from dealib.device.device import Device
-from dealib.device.driven import Driven, Parts
+from dealib.device.driven import Driven, Parts, check_apart
 from dealib.device.kinematics import Kinematics
-from dealib.device.laminate import FRAME_BLOCK, MOUNT_BLOCK, Laminate
+from dealib.device.laminate import FRAME_BLOCK, MOUNT_BLOCK, Laminate, Part
 from dealib.device.ports import Chamber, Hold, Mount, Terminal
 from dealib.device.records import (
     AIR,
@@ -121,12 +121,21 @@ def _patches(
 ) -> tuple[Laminate, dict[str, Terminal]]:
     """Terminals on parts of faces get boundaries of their own."""
     patches, found = {}, {}
+    placed: list[tuple[str, str, Part]] = []
     for name, terminal in terminals.items():
+        part = Part()
+        where = ("terminals", name)
+        if terminal.within is not None:
+            part = terminal.within.part(laminate.base, laminate.solid, (*where, "within"))
+        for face in terminal.on:
+            for other, there, its in placed:
+                apart = there != face or other == name or part == its == Part()
+                if not apart and part.touches(its):
+                    check_apart(*("" if terminals[k].ground else k for k in (name, other)))
+            placed.append((name, face, part))
         if terminal.within is None:
             found[name] = terminal
             continue
-        where = ("terminals", name)
-        part = terminal.within.part(laminate.base, laminate.solid, (*where, "within"))
         on = []
         for k, face in enumerate(terminal.on):
             if face not in laminate.faces:

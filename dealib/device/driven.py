@@ -230,3 +230,17 @@ def _numbered(ports: list[Port]) -> Iterator[Port]:
             raise ValueAt((f"{port.kind.name}s", port.name), problem)
         several = sum(p.kind == port.kind for p in ports) > 1
         yield replace(port, suffix=f".{port.name}" if several else "")
+
+
+def check_apart(port: str, other: str) -> None:
+    """Raise `ValueAt` of two terminals that share a point, unless they are one port.
+
+    Args:
+        port: Name of a port; empty for ground.
+        other: Likewise.
+    """
+    if port == other:
+        return
+    name, beside = (port, other or "ground") if port else (other, "ground")
+    problem = f"it touches {beside!r}; leave a gap between them, or make them one"
+    raise ValueAt((f"{TERMINAL.name}s", name), problem)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -53,6 +54,22 @@ class Part:
     def breaks(self, axis: str) -> tuple[float, ...]:
         """Where it begins and ends along an axis."""
         return self.spans.get(axis, ())
+
+    def touches(self, other: Part) -> bool:
+        """Whether it shares a point with another part."""
+        if self.circle is not None and other.circle is not None:
+            (x, y, one), (u, v, two) = self.circle, other.circle
+            return math.hypot(x - u, y - v) <= one + two
+        if other.circle is not None:
+            return other.touches(self)
+        if self.circle is not None:
+            *centre, radius = self.circle
+            spans = (other.spans.get(axis, (-math.inf, math.inf)) for axis in "XY")
+            away = [max(a - c, c - b, 0.0) for c, (a, b) in zip(centre, spans, strict=True)]
+            return math.hypot(*away) <= radius
+        both = self.spans.keys() & other.spans.keys()
+        pairs = ((self.spans[axis], other.spans[axis]) for axis in both)
+        return all(a <= d and c <= b for (a, b), (c, d) in pairs)
 
 
 @dataclass(frozen=True)

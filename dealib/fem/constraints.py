@@ -18,8 +18,8 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx import mesh as dmesh
 
-from dealib.device.records import MOUNT, PHI, RIGID, TERMINAL, Support
-from dealib.errors import ValueAt
+from dealib.device.driven import check_apart
+from dealib.device.records import MOUNT, PHI, RIGID, Support
 from dealib.fem import compat
 from dealib.fem.domain import Domain, Spaces, node_positions
 from dealib.fem.platform import Platform
@@ -270,12 +270,7 @@ def _check_apart(domain: Domain, support: Support, before: Ints, target: int) ->
     if other < 0:
         return
     names = [port.name for port in domain.device.ports]
-    found = [names[k - _FIRST_PORT] for k in (target, other) if k >= _FIRST_PORT]
-    raise ValueAt(
-        (f"{TERMINAL.name}s", found[0]),
-        f"it touches {found[1] if found[1:] else 'ground'!r}; leave a gap between them, or make "
-        "them one",
-    )
+    check_apart(*(names[k - _FIRST_PORT] if k >= _FIRST_PORT else "" for k in (target, other)))
 
 
 def _dofs(W: Any, path: tuple[int, ...], dim: int, entities: Ints) -> Ints:

@@ -7,6 +7,7 @@ from typing import Any
 
 from dealib.config.schema import Config
 from dealib.device.device import Device
+from dealib.device.driven import check_apart
 from dealib.device.laminate import JOIN, Laminate, Layer
 from dealib.device.records import PHI, Region
 from dealib.errors import ValueAt
@@ -155,7 +156,10 @@ def _between(
             )
             on += [other, *([neighbour.name] if neighbour.conducts else [])]
             on += [p for p, (of, _) in laminate.patches.items() if of == other and p in names]
-        found.append(next((port_of[name] for name in on if name in port_of), None))
+        ports = [port_of[name] for name in on if name in port_of]
+        for port in ports[1:]:
+            check_apart(port, ports[0])
+        found.append(ports[0] if ports else None)
     if None in found and found != [None, None] and _floats(here, k, found):
         raise ValueAt(
             ("physics", "model"),
