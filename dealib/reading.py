@@ -6,7 +6,7 @@ import os
 import stat
 from pathlib import Path
 
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, did_you_mean
 
 _KINDS = {stat.S_IFDIR: "Is a directory", stat.S_IFIFO: "it is a pipe", stat.S_IFSOCK: "a socket"}
 
@@ -56,3 +56,18 @@ def too_long(path: str) -> str:
     longest = max(len(os.fsencode(part)) for part in path.split("/"))
     fits = longest <= 240 and len(path) <= 4000  # what is added to it has to fit too
     return "" if fits else f"{shown(path)}: too long for a path"
+
+
+def no_file(name: str, beside: Path) -> str:
+    """What is wrong where a file that another one names is not there.
+
+    Args:
+        name: The name that is given.
+        beside: Folder of the file that gives it.
+    """
+    given, here = Path(name), beside.resolve() == Path.cwd()
+    folders = "the present folder" if here else f"{beside}, nor in the present folder"
+    near = did_you_mean(
+        given.name, [p.name for p in beside.glob(f"*{given.suffix or '.*'}")][:1000]
+    )
+    return f"there is no file {name!r} in {folders}{near if near.startswith('; did') else ''}"

@@ -374,6 +374,26 @@ def test_study_solves_draws_and_compares(run_cli, folder):
     assert "0 to solve" in again.stdout
 
 
+def test_what_ended_a_case_early_is_told(folder):
+    text = STUDY.replace(
+        "force: -0.05 N}, steps: 2", "force: -0.05 N}, steps: 2, stop_when: [WHEN]"
+    )
+    text = text.replace("WHEN", "force_N < -0.02 N").replace("charge: field", "# charge: field")
+    (folder / "early.yaml").write_text(text[: text.index("panels:")])
+    told = []
+    (found,) = dealib.run_study(
+        folder / "early.yaml", folder / "out", 1, cache=folder / "cases", tell=told.append
+    )
+    assert set(found.table["ended_by"]) == {"force_N < -0.02 N at 1.5 s in push"}
+    head, *rows = told[1].splitlines()
+    assert head.split() == ["case", "depth", "thickness", "ended_by"]
+    assert [float(row.split()[-10]) for row in rows] == [0.03, 0.03, 0.06, 0.06]
+    assert told[2:] == [
+        str(folder / "out" / "tiny_study.csv"),
+        str(folder / "out" / "gallery.html"),
+    ]
+
+
 @pytest.mark.slow
 def test_pictures_follow_the_axes_that_are_asked_for(folder, monkeypatch):
     """An axis whose limits fall runs that way; log axes; one legend below panels that share it."""

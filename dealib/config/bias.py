@@ -43,10 +43,12 @@ class Load(Protocol):
 
 
 class Spring(Section):
-    """Linear spring between the mount and an anchor that moves to its given position."""
+    """Linear spring between mount and anchor: force = stiffness x (anchor - displacement)."""
 
     stiffness: Stiffness = Field(gt=0)
-    anchor: Anchor = Field(description="displacement to which the anchor moves")
+    anchor: Anchor = Field(
+        description="displacement of the mount at which the spring is slack; reached by a ramp"
+    )
 
     def load(self, x: float) -> tuple[float, float]:
         """See `Load`."""

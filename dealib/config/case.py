@@ -25,6 +25,7 @@ from dealib.config.text import dump
 from dealib.config.wave import Wave
 from dealib.device.shapes import MeshShape
 from dealib.errors import ConfigError, ValueAt
+from dealib.reading import no_file
 
 
 @dataclass(frozen=True, repr=False)
@@ -149,8 +150,7 @@ def _found(source: Source, where: tuple[str | int, ...], given: str) -> str:
     beside = source.path.parent / path
     found = beside if beside.exists() else path
     if not found.exists():
-        problem = f"there is no file {given!r} (looked in . and {beside.parent})"
-        raise ConfigError(source.message(where, problem))
+        raise ConfigError(source.message(where, no_file(given, beside.parent)))
     return str(found)
 
 

@@ -17,6 +17,7 @@ from dealib.config.text import dump, load
 from dealib.errors import ConfigError, ValueAt, did_you_mean
 from dealib.materials.laws import LAWS
 from dealib.materials.published import OWN, Entry
+from dealib.reading import no_file
 from dealib.section import Section
 
 _LAW = TypeAdapter[Any](Material)
@@ -78,8 +79,7 @@ def of_config(source: Source) -> Path | None:
     given = Path(name).expanduser()
     beside = source.path.parent / given
     if not (beside.is_file() or given.is_file()):
-        problem = f"there is no file {name!r} (looked in . and {beside.parent})"
-        raise ConfigError(source.message(("library",), problem))
+        raise ConfigError(source.message(("library",), no_file(name, beside.parent)))
     return beside if beside.is_file() else given
 
 

@@ -149,7 +149,7 @@ class Results:
 
     @property
     def table(self) -> pandas.DataFrame:
-        """One row a case: axes, status, quantities, directory."""
+        """One row a case: axes, status, quantities, what ended it early, directory."""
         import pandas as pd
 
         rows = []
@@ -157,6 +157,8 @@ class Results:
             is_run = isinstance(s.case.work, Config)
             row: dict[str, Any] = {"study": self.study.name, "case": s.case.label, **s.case.axes}
             row |= {"status": s.status, **{n: v[i] for n, v in self.values.items()}}
+            outcome = self.outcomes.get(s.case.label)
+            row["ended_by"] = "" if outcome is None else outcome.ended_by
             row |= {"run": self.cache.folder / s.case.key if is_run else "", "error": s.error}
             rows.append(row)
         return pd.DataFrame(rows)

@@ -55,6 +55,12 @@ class Outcome:
         columns = {"stretch": stretch, "strain": stretch - 1, "stress_MPa": stress}
         return pd.DataFrame({"stage": test.mode, **columns})
 
+    @property
+    def ended_by(self) -> str:
+        """The conditions that ended the run or its stages early, and when; empty without."""
+        stops = () if self.run is None else self.run.info.get("stops", ())
+        return "; ".join(f"{s['when']} at {s['time_s']:.4g} s in {s['stage']}" for s in stops)
+
     def evaluate(self, expression: Expression) -> Any:
         """Value of an expression in the scope of this case.
 

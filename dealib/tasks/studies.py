@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from dealib.study.gallery import Entry
 
 Tell = Callable[[str], None]
+_SHOWN = 20  # cases whose quantities are printed
 
 
 def run_study(
@@ -150,7 +151,7 @@ def report(
         except Exception as error:
             error.add_note(f"while {plan.path} was collected and drawn; its cases are kept")
             raise
-        _verdict(entries[-1], tell)
+        _verdict(entries[-1], folder, tell)
     windows = [row for entry in entries for row in entry.table]
     write_text(folder / "windows.csv", pd.DataFrame(windows).to_csv(index=False))
     title = plans[0].study.title if len(plans) == 1 else f"Studies of {path}"
@@ -175,10 +176,15 @@ def _draw(results: Results, folder: Path) -> str:
     return drawn[0]
 
 
-def _verdict(entry: Entry, tell: Tell) -> None:
-    """Say which windows hold."""
-    name, verdicts = entry.results.study.name, entry.windows
-    tell(f"{name}: {entry.held} of {len(verdicts)} windows hold")
+def _verdict(entry: Entry, folder: Path, tell: Tell) -> None:
+    """Show the quantities of a small study, and say which windows hold."""
+    name, verdicts, table = entry.results.study.name, entry.windows, entry.results.table
+    names = ["case", *entry.results.values, *(["ended_by"] if table["ended_by"].any() else [])]
+    if len(table) <= _SHOWN and entry.results.values:
+        tell(table[names].to_string(index=False, float_format="{:.6g}".format))
+    tell(str(folder / f"{name}.csv"))
+    if verdicts:
+        tell(f"{name}: {entry.held} of {len(verdicts)} windows hold")
     for v in verdicts:
         if not v.holds:
             tell(f"    {v.window.name}: {v.value}, expected {v.range}")
