@@ -18,6 +18,7 @@ from dealib.program.inputs import law, milestones, plain_drive, under_voltage
 from dealib.program.pair import Pair, PortVariable
 from dealib.program.progress import Position
 
+_NEAR = 0.8  # share of a limit that is told where a stage stops
 log = logging.getLogger(__name__)
 
 
@@ -167,7 +168,10 @@ def _failure(of: Engine, stage: Stage, at: float) -> str:
             "; if this is pull-in, prescribe the charge or the displacement instead, or follow "
             "the branch (`follow` in configs/REFERENCE.md)"
         )
+    shares = (of.progress.row or {}).items()
+    used = ", ".join(f"{n} = {v:.3g}" for n, v in shares if n.endswith("_use") and v > _NEAR)
     return (
         f"stage {stage.stage!r} stopped after t = {of.progress.time:.6g} s, "
-        f"on the way to {inputs}; everything up to there is kept. Try: {hint}"
+        f"on the way to {inputs}; everything up to there is kept"
+        f"{f', where {used}' if used else ''}. Try: {hint}"
     )
