@@ -310,7 +310,8 @@ EDITS: list[tuple[str, str, str, str | list[str], str]] = [
      "4:9: geometry.base: the key 'kind' is missing; one of annulus, disc, tube, strip, rectangle",
      "{length"),
     ("key of another base", "width: 5 mm", "radius: 5 mm",
-     ["4:3: geometry.base.width: this key is missing: out of the plane, along Y; such as '30 um'",
+     ["4:3: geometry.base.width: this key is missing: width along Y, out of the plane; such as "
+      "'30 um'",
       "4:38: geometry.base.radius: unknown key; known: kind, length, width"], "radius"),
     ("radii", "kind: strip, length: 10 mm, width: 5 mm",
      "kind: annulus, inner_radius: 5 mm, outer_radius: 4 mm",

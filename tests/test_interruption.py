@@ -269,7 +269,8 @@ def test_signal_finishes_the_step_and_says_how_to_go_on(tmp_path, whole, sent, c
     from dealib.tasks.info import describe
 
     assert describe(run).splitlines()[0] == "run (small): interrupted"
-    assert f"go on with: {go_on}" in describe(run)
+    again = f"dealib.simulate('{SMALL}', '{directory}', resume=True)"
+    assert f"go on with: {again}" in describe(run)
     resumed = dealib.simulate(small(), directory, resume=True)
     assert_same_history(resumed, whole[0])
     session = resumed.info["earlier_sessions"]

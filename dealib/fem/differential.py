@@ -212,7 +212,7 @@ def _test_charge(newton: Newton, port: str, needed: bool = False) -> tuple[float
         mine = float(missed @ (correction - phi))
         charge = system.map.comm.allreduce(mine) - system.internal[port]
         trial.array[fields] -= correction
-        left = size(response) / size(trial)
+        left = size(response) / (size(trial) or 1.0)  # it may have no node inside
         if left**2 * (left / before) <= _ENOUGH:
             return charge, trial
         before = left

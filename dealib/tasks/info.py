@@ -86,7 +86,11 @@ def resume_command(run: Run) -> str:
     words = ["dealib", command, info["config"], *overrides, "--out", str(run.directory), "--resume"]
     if info["ranks"] > 1:
         words += ["--mpi", str(info["ranks"])]
-    call = f"dealib.simulate({info['config']!r}, {str(run.directory)!r}, resume=True)"
+    case = repr(info["config"])
+    if info["set"]:
+        changes = dict(assignment.split("=", 1) for assignment in info["set"])
+        case = f"dealib.load({case}, set={changes!r})"
+    call = f"dealib.simulate({case}, {str(run.directory)!r}, resume=True)"
     return by_caller(shlex.join(words), call)
 
 
