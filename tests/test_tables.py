@@ -146,7 +146,9 @@ def test_outside_and_absent_tables_are_explained(made, tmp_path):
         tables.force(-2.6, 1.0)
     with pytest.raises(ValueError, match=r"a voltage of 0 \.\. 2\.5 kV only"):
         tables.charge(-2.0, [1.0, 2.6])
-    with pytest.raises(ConfigError, match="no tables here; dealib export CONFIG makes them"):
+    with pytest.raises(
+        ConfigError, match=r"no tables here; dealib.export_tables\(case\) makes them"
+    ):
         dealib.tables(tmp_path)
     (tmp_path / "tables.csv").write_text("a,b\n1,2\n")
     with pytest.raises(ConfigError, match=r"tables.csv: no tables of dealib"):
