@@ -321,7 +321,7 @@ EDITS = [
     ("negative duration", "{stage: push,", "{stage: push, duration: -1 s,",
      "21:29: program.1.duration: must be above 0, not '-1 s'", "-1 s"),
     ("no mesh file", "columns: 8", "file: none.msh",
-     "9:9: mesh.file: there is no file 'none.msh' in TMP, nor in the present folder", "none.msh"),
+     "9:9: mesh.file: there is no file 'none.msh' in the present folder", "none.msh"),
     # conditions and limits
     ("no condition", "-2 mm}, steps: 2", "-2 mm}, steps: 2, stop_when: [force_N]",
      "21:71: program.1.stop_when.0: 'force_N' is no condition; expected a column of "
