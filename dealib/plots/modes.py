@@ -85,6 +85,9 @@ def _scene(
             room = 0.04 * np.ptp(ends, axis=0)
             axis.set(xlim=(low[0] - room[0], high[0] + room[0]))
             axis.set(ylim=(low[1] - room[1], high[1] + room[1]))
+            across, up = (f"{name} (mm)" for name in shape.kinematics.axes)
+            axis.set_xlabel(across, fontsize="small")
+            axis.set_ylabel(up, fontsize="small")
             axis.tick_params(labelsize="small")
         axis.set_title(plain(told.get(what.name, what.name)), loc="left", fontsize="medium")
         parts.append((part, rest, way, values))
@@ -92,7 +95,8 @@ def _scene(
         axis.set_axis_off()
     colours.bar(figure, "Displacement over the largest", ax=list(axes.flat), shrink=0.8, pad=0.01)
     figure.suptitle(plain(f"{run.title}, {plain_shape.when}"), fontsize="medium")
-    figure.canvas.draw()
+    for _ in range(2):  # room for labels of ticks is known after a first drawing
+        figure.canvas.draw()
     figure.set_layout_engine("none")  # the panels stay where they are
     return figure, parts
 
