@@ -75,6 +75,13 @@ def frames(run: Run, whats: Sequence[Quantity], look: Theme, count: int) -> Iter
         yield grabbed(figure)
 
 
+def settle(figure: Any) -> None:
+    """Lay a figure's panels out, and keep them where they are from then on."""
+    for _ in range(2):  # which labels the ticks have is known after a first drawing
+        figure.canvas.draw()
+    figure.set_layout_engine("none")
+
+
 def grabbed(figure: Any) -> Image:
     """A figure as it is now, (height, width, 3)."""
     figure.canvas.draw()
@@ -129,8 +136,7 @@ def _scene(
     steady(*axes)
     axes[-1].set_xlabel(label(clock))
     note = figure.suptitle(" ", fontsize="large", fontfamily="monospace")
-    figure.canvas.draw()
-    figure.set_layout_engine("none")  # the panels stay where they are
+    settle(figure)
     return figure, painted, markers, note
 
 

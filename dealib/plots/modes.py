@@ -9,7 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from dealib.errors import ConfigError
-from dealib.plots.animation import DPI, SIZE, Image, grabbed
+from dealib.plots.animation import DPI, SIZE, Image, grabbed, settle
 from dealib.plots.contours import Scale, magnification, paint
 from dealib.plots.labels import label, plain
 from dealib.plots.shape import Shape
@@ -95,9 +95,7 @@ def _scene(
         axis.set_axis_off()
     colours.bar(figure, "Displacement over the largest", ax=list(axes.flat), shrink=0.8, pad=0.01)
     figure.suptitle(plain(f"{run.title}, {plain_shape.when}"), fontsize="medium")
-    for _ in range(2):  # room for labels of ticks is known after a first drawing
-        figure.canvas.draw()
-    figure.set_layout_engine("none")  # the panels stay where they are
+    settle(figure)
     return figure, parts
 
 
