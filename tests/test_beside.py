@@ -136,7 +136,7 @@ def test_signals_are_the_runs_alone(tmp_path):
 def test_a_message_that_cannot_be_read_is_reported(tmp_path):
     case = dealib.load(HERE / "small.yaml")
     with Beside() as beside:
-        broken = At(5, lambda: beside._stream.write(b"no pickle" * 10))
+        broken = At(5, lambda: beside._link.send_bytes(b"no pickle"))
         with pytest.raises(PlatformError, match="writing results failed"):
             dealib.simulate(case, tmp_path / "run", beside=beside, observers=[broken])
 

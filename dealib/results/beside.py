@@ -1,20 +1,20 @@
 """A writer in a process of its own: the solver goes on while results are written.
 
-Records go through a socket, in order; each is answered when it is on the disk, and few may be
-unanswered. What is written is whole at every moment, as it is without the process. When its run is
-killed, it writes what it was given and ends; it shares the run directory's lock, so that nobody
-takes the directory up before.
+Records go through a socket, in order, and each is answered when it is on the disk. When its run is
+killed, the process writes what it was given and ends. It shares the run directory's lock, so that
+nobody takes the directory up before.
 """
 
 from __future__ import annotations
 
 import os
-import pickle
-import select
+import signal
 import socket
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import suppress
+from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
 from dealib.errors import PlatformError
@@ -23,8 +23,8 @@ from dealib.results.lock import Lock
 if TYPE_CHECKING:
     from dealib.results.writer import Opening, Record
 
-_AHEAD = 4  # records that may be unanswered
-_CODE = "import sys; sys.path[:] = {path!r}; from dealib.results.scribe import main; main({file})"
+_AHEAD = 4  # messages that may be unanswered
+_CODE = "import sys; sys.path[:] = {path!r}; from dealib.results.beside import main; main({file})"
 
 
 class Beside:
@@ -35,6 +35,7 @@ class Beside:
 
     def __init__(self) -> None:
         self._socket, theirs = socket.socketpair()
+        self._link = Connection(os.dup(self._socket.fileno()))
         with theirs:
             code = _CODE.format(path=sys.path, file=theirs.fileno())
             self._process = subprocess.Popen(
@@ -44,7 +45,6 @@ class Beside:
                 pass_fds=(theirs.fileno(),),
                 start_new_session=True,  # the terminal's Ctrl-C is the run's alone
             )
-        self._stream = self._socket.makefile("rwb")
         self._due = 0  # answers
 
     @staticmethod
@@ -57,17 +57,14 @@ class Beside:
         return self
 
     def __exit__(self, *error: object) -> None:
-        with suppress(OSError):
-            self._stream.close()
+        self._link.close()
         self._socket.close()  # it ends when nothing more can come
         self._process.wait()
 
     def open(self, opening: Opening, lock: Lock) -> Beside:
         """Begin, and share the run directory's lock."""
-        try:
+        with suppress(OSError):  # it has left; the next message tells why
             socket.send_fds(self._socket, [b"-"], lock.descriptors)
-        except OSError:
-            self._answer()
         self._send(opening)
         return self
 
@@ -82,19 +79,17 @@ class Beside:
 
     def close(self) -> float:
         """See `Writer`."""
-        self._send("close")
-        found = None
-        while self._due:
+        self._send(None)
+        while True:
             found = self._answer()
-        assert isinstance(found, float)
-        return found
+            if isinstance(found, float):
+                return found
 
-    def _send(self, message: Any) -> None:
-        while self._due > _AHEAD or select.select([self._socket], [], [], 0)[0]:
+    def _send(self, message: Opening | Record | None) -> None:
+        while self._due > _AHEAD or self._link.poll():
             self._answer()
         try:
-            pickle.dump(message, self._stream, pickle.HIGHEST_PROTOCOL)
-            self._stream.flush()
+            self._link.send(message)
         except OSError:  # it has left; its last answer says why
             while True:
                 self._answer()
@@ -107,10 +102,50 @@ class Beside:
             PlatformError: What the writer met.
         """
         try:
-            found = pickle.load(self._stream)
-        except (EOFError, OSError, pickle.UnpicklingError):
+            found = self._link.recv()
+        except (EOFError, OSError):
             raise PlatformError("the process that writes results died; is memory short?") from None
         if isinstance(found, PlatformError):
             raise found
         self._due -= 1
         return found
+
+
+def main(file: int) -> None:
+    """Write what comes until there is no more: the process.
+
+    Args:
+        file: Descriptor of the socket.
+    """
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1):
+        signal.signal(number, signal.SIG_IGN)  # they are for the run, whose end is its end
+    from dealib.results.writer import StepWriter
+
+    socket.recv_fds(socket.socket(fileno=os.dup(file)), 1, 1)  # held until this process ends
+    link, writer = Connection(file), None
+    try:
+        for message in _messages(link):
+            answer = None
+            if writer is None:
+                writer = StepWriter(message)
+            elif message is None:
+                answer = writer.close()
+            else:
+                writer.add(message)
+            _tell(link, answer)
+    except PlatformError as error:
+        _tell(link, error)
+    except BaseException as error:
+        told = f"writing results failed ({type(error).__name__}: {error})"
+        _tell(link, PlatformError(told))
+
+
+def _messages(link: Connection) -> Iterator[Any]:
+    with suppress(EOFError, OSError):  # the run has ended, or was killed in a message
+        while True:
+            yield link.recv()
+
+
+def _tell(link: Connection, answer: float | PlatformError | None) -> None:
+    with suppress(OSError):  # the run may be gone; what it gave is written nevertheless
+        link.send(answer)
