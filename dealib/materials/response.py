@@ -102,8 +102,8 @@ def stiffness(law: Law, first: Any, second: Any) -> Array:
     The tangent relates the Kirchhoff stresses to the logarithmic principal stretches,
     d2W / d(ln l_i) d(ln l_j), restricted to constant volume at l3 = 1 / (l1 l2). Where it is not
     positive the law violates Hill's inequality dtau : dlne > 0 (R. Hill, Proc. R. Soc. Lond. A 314,
-    457-472, 1970): stretching on asks for less stress. In equal-biaxial stretching that is the peak
-    of the true stress.
+    457-472, 1970): stress falls with further stretching. In equal-biaxial stretching this begins at
+    the peak of the true stress.
 
     Args:
         law: Law with its parameters.
@@ -119,7 +119,8 @@ def stiffness(law: Law, first: Any, second: Any) -> Array:
 def curvature(law: Law, first: Any, second: Any) -> tuple[Array, Array]:
     """First and second derivatives of W by x = ln l1 and y = ln l2, at l3 = 1 / (l1 l2), MPa.
 
-    Complex steps, exact to rounding, and central differences of them, good to 1e-10.
+    First derivatives are complex steps, exact to rounding; second ones are central differences of
+    these, with a relative error of 1e-10.
 
     Args:
         law: Law with its parameters.
@@ -134,7 +135,7 @@ def curvature(law: Law, first: Any, second: Any) -> tuple[Array, Array]:
     first, second = np.asarray(first, dtype=float) ** 2, np.asarray(second, dtype=float) ** 2
     third = 1 / (first * second)
 
-    # W_x after small changes of x, W_y after those of y, and W_y after those of x, at once
+    # columns: W_x at x +- step, W_y at y +- step, W_y at x +- step
     x, y = step * np.array([[1, -1, 0, 0, 1, -1], [0, 0, 1, -1, 0, 0]])
     along = 1j * h * np.array([[1, 1, 0, 0, 0, 0], [0, 0, 1, 1, 1, 1]])
     a, b = (np.exp(2 * z).reshape(-1, *[1] * third.ndim) for z in (x + along[0], y + along[1]))
@@ -162,7 +163,8 @@ def stability_limit(law: Law, mode: str, largest: float = 10.0) -> float:
     found = value(stretches)
     lost = np.flatnonzero(found <= 0)
     locked = np.flatnonzero(~np.isfinite(found))
-    if len(lost) == 0 or (len(locked) and locked[0] <= lost[0] + 1):  # next to it: differences
+    # right before locking the central differences are unreliable
+    if len(lost) == 0 or (len(locked) and locked[0] <= lost[0] + 1):
         return float("inf")
     if lost[0] == 0:
         return 1.0  # not even at rest
@@ -170,7 +172,7 @@ def stability_limit(law: Law, mode: str, largest: float = 10.0) -> float:
 
 
 def softens(law: Law) -> bool:
-    """Whether a law is not stable in some mode (see `stability_limit`)."""
+    """Whether a law loses stability in some mode (see `stability_limit`)."""
     return any(np.isfinite(stability_limit(law, mode)) for mode in MODES)
 
 
