@@ -1,4 +1,4 @@
-"""Solves what the chart of a biased film needs: the film's curves, and their equilibria exactly."""
+"""Computes the chart of a biased film: the film's force curves, and its exact equilibria."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ def chart(
     """The chart of the last bias in a case's program.
 
     Args:
-        case: The case; of its materials the law alone counts, without Maxwell branches.
+        case: The case; Maxwell branches of its materials are left out.
         voltage: Full voltage, kV; default the program's largest.
-        reach: Lowest and highest displacement, mm; default where bias and film can meet.
+        reach: Lowest and highest displacement, mm; default a range that holds the equilibria.
         points: Solved points of each curve.
 
     Raises:
@@ -76,7 +76,7 @@ def chart(
 
 
 def _in_the_long_run(case: Case) -> Case:
-    """Without Maxwell branches: equilibria are states in which these have relaxed."""
+    """The case without Maxwell branches, which have relaxed in equilibrium."""
     given = case.config.materials
     materials = {k: law.model_copy(update={"branches": ()}) for k, law in given.items()}
     return replace(case, config=case.config.model_copy(update={"materials": materials}))
@@ -99,7 +99,7 @@ def _full_voltage(case: Case) -> float:
 
 
 def _reach(case: Case, bias: PortLaw, volts: float) -> tuple[float, float]:
-    """Displacements between which film and bias can meet."""
+    """Displacements between which film and bias can be in equilibrium, mm."""
     ends = [0.0]
     for element, anchor in bias.elements:
         if isinstance(element, Bistable):
@@ -108,7 +108,7 @@ def _reach(case: Case, bias: PortLaw, volts: float) -> tuple[float, float]:
             ends += [anchor, *(anchor + x for x in element.reach)]
         else:
             ends.append(anchor)
-    if bias.load:  # a weight has no end: see how far it goes
+    if bias.load:  # a weight pulls at any displacement: solve for how far it moves the film
         program = [
             {"stage": "load", "mount": {"force": f"{bias.load!r} N"}, "steps": 8},
             {"stage": "actuate", "terminal": {"voltage": f"{volts!r} kV"}, "steps": 8},
@@ -122,7 +122,7 @@ def _reach(case: Case, bias: PortLaw, volts: float) -> tuple[float, float]:
             f"{case.path}: the bias leaves the mount at 0 mm; give the displacements of the chart "
             + by_caller("with --reach, such as '-4 mm, 0 mm'", "as reach, such as (-4.0, 0.0)")
         )
-    # a film that is far beyond flat on the other side says nothing
+    # equilibria lie on the side to which the bias pulls; a tenth of the span is shown beyond flat
     return max(min(ends), -span), min(max(ends), 0.1 * span) if min(ends) < 0 else max(ends)
 
 
@@ -177,7 +177,7 @@ def _net(curve: Any, bias: PortLaw, u: Any) -> Any:
 def _exact(
     simulation: Simulation, points: list[_Point], volts: float, u: float, curve: Any, bias: PortLaw
 ) -> Equilibrium:
-    """The equilibrium next to where two curves meet, solved with the bias on the mount."""
+    """The equilibrium near a crossing of the two curves, solved with the bias on the mount."""
     stiffness = float(curve(u, 1)) - bias.balance(u)[1]
     newton = simulation.engine.newton
     system = newton.system
@@ -191,8 +191,8 @@ def _exact(
             newton.solve()
         x, force = system.map.port_values(system.q)[mount], system.internal[mount]
         if abs(x - u) > abs(points[1].displacement - points[0].displacement):
-            raise NotConverged("it went to another equilibrium")
+            raise NotConverged("Newton's method went to another equilibrium")
         return Equilibrium(volts, x, force, stiffness)
     except NotConverged as error:
-        log.warning("the equilibrium at %.5g mm is interpolated only: %s", u, str(error))
+        log.warning("the equilibrium at %.5g mm is only interpolated: %s", u, str(error))
         return Equilibrium(volts, u, float(curve(u)), stiffness)
