@@ -497,7 +497,7 @@ def test_messages_of_a_run_count_overrides(tmp_path):
         dealib.Simulation(dealib.load(path, set=["chambers={pump: {on: film.top}}"]))
     assert str(caught.value) == (
         "set chambers={pump: {on: film.top}}: chambers.pump.on: the face 'film.top' lies between "
-        "two solids, where there is no room; choose a face of the outer surface"
+        "two solids, so that no chamber can be there; choose a face of the outer surface"
     )
 
 

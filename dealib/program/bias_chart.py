@@ -15,7 +15,7 @@ from dealib.config.program import MountInput, Stage, TerminalInput
 from dealib.config.wave import reach as reach_of
 from dealib.device.records import MOUNT, TERMINAL
 from dealib.errors import ConfigError, NotConverged, by_caller
-from dealib.fem.system import PortLaw
+from dealib.fem.port_law import PortLaw
 from dealib.program.inputs import drives, law
 from dealib.program.simulation import Simulation
 from dealib.program.turns import alone

@@ -9,7 +9,7 @@ from dataclasses import replace
 from dealib.config.chamber import Filled
 from dealib.device.device import Device
 from dealib.device.records import CHAMBER
-from dealib.fem.system import PortLaw
+from dealib.fem.port_law import PortLaw
 from dealib.program.inputs import Drives
 
 

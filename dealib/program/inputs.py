@@ -14,7 +14,7 @@ from dealib.config.program import ELEMENT, ChamberInput, Course, Input, MountInp
 from dealib.config.wave import Wave
 from dealib.device.device import Device
 from dealib.device.records import TERMINAL, Port
-from dealib.fem.system import PortLaw
+from dealib.fem.port_law import PortLaw
 from dealib.program.waves import Shape
 from dealib.units import DIMENSIONS, GRAVITY
 

@@ -9,8 +9,9 @@ from typing import Any
 from dealib.device.device import Device
 from dealib.device.records import Port, Variable
 from dealib.fem.newton import Newton
+from dealib.fem.port_law import PortLaw
 from dealib.fem.problem import Problem
-from dealib.fem.system import PortLaw, System
+from dealib.fem.system import System
 
 _TILT = 0.05  # least share of a dual in an arc's equation, which keeps it regular
 
