@@ -443,8 +443,8 @@ EDITS: list[tuple[str, str, str, str | list[str], str]] = [
      "15:8: holds: nothing holds the device against motion about Y; fix a part of it here, or "
      "drive a mount by its displacement or a spring", "[{on"),
     ("chamber on an inner face", "program:", "chambers: {pump: {on: film.top}}\nprogram:",
-     "15:23: chambers.pump.on: the face 'film.top' lies between two solids, where there is no "
-     "room; choose a face of the outer surface", "film.top"),
+     "15:23: chambers.pump.on: the face 'film.top' lies between two solids, so that no "
+     "chamber can be there; choose a face of the outer surface", "film.top"),
     ("terminals that touch", TERMINALS + "program:\n  - {stage: on, terminal: {voltage: 1 kV}}",
      "  hot: {on: film.bottom, within: [0 mm, 4 mm]}\n"
      "  hut: {on: film.bottom, within: [4 mm, 9 mm]}\n"
