@@ -131,9 +131,9 @@ class Chamber(Section):
     on: Names = Field(description="faces of solids on which the pressure acts, towards the solid")
     along: str | None = Field(
         None,
-        description="axis of the walls that close it at the faces' rim; default that across the "
-        "layers, or Z. The pressure on these walls acts on the rim, which may move along them: of "
-        "a tube R, so that both ends are closed by rigid caps",
+        description="axis along which the walls run that close the chamber at the rim of its "
+        "faces, and along which the rim may move; default the axis across the layers (for a tube "
+        "R: rigid caps close both ends), or Z",
     )
     openings: dict[str, Opening] | None = Field(
         None, description="openings through which gas or liquid flows, by name"
