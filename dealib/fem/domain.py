@@ -177,13 +177,13 @@ def node_positions(domain: Domain, cell: Cell) -> Any:
     return kinematics.positions(nodes) if isinstance(kinematics, SheetKinematics) else nodes
 
 
-def build_domain(config: Config, comm: MPI.Comm, save: Path | None = None) -> Domain:
+def build_domain(config: Config, comm: MPI.Comm, save: Path | None) -> Domain:
     """Mesh the geometry on rank 0 and distribute it.
 
     Args:
         config: The config.
         comm: MPI communicator.
-        save: Write the mesh there, in Gmsh's format.
+        save: Where to write the mesh in Gmsh's format, if anywhere.
 
     Raises:
         ConfigError: On every rank, if the mesh cannot be built or read.

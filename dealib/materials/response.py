@@ -16,6 +16,7 @@ from dealib.materials.laws import Law, invariants_of_stretches
 from dealib.materials.prestretch import bracket, thickness_stretch
 
 Array = npt.NDArray[np.float64]
+_LARGEST = 10.0  # stretch up to which stability is examined
 
 
 def nominal_stress(law: Law, stretches: Any) -> Array:
@@ -148,18 +149,18 @@ def curvature(law: Law, first: Any, second: Any) -> tuple[Array, Array]:
         return np.stack([x1 + x0, y1 + y0]) / 2, second_derivatives
 
 
-def stability_limit(law: Law, mode: str, largest: float = 10.0) -> float:
+def stability_limit(law: Law, mode: str) -> float:
     """Smallest stretch above 1 at which the law is not stable in a mode (see `stiffness`).
 
     Returns:
-        The stretch; infinity if there is none up to `largest`.
+        The stretch; infinity if there is none up to 10.
     """
     from scipy.optimize import brentq
 
     def value(l: Any) -> Array:
         return stiffness(law, l, _SECOND[mode](np.asarray(l, dtype=float)))
 
-    stretches = np.geomspace(1.0, largest, 1000)
+    stretches = np.geomspace(1.0, _LARGEST, 1000)
     found = value(stretches)
     lost = np.flatnonzero(found <= 0)
     locked = np.flatnonzero(~np.isfinite(found))

@@ -23,6 +23,7 @@ from dealib.results.bias import BiasChart, Equilibrium, crossings
 
 log = logging.getLogger(__name__)
 
+_POINTS = 48  # solved points of each curve
 _FINE = 2001  # points at which curves are compared to tell equilibria apart
 
 
@@ -35,10 +36,7 @@ class _Point:
 
 @alone()
 def chart(
-    case: Case,
-    voltage: float | None = None,
-    reach: tuple[float, float] | None = None,
-    points: int = 48,
+    case: Case, voltage: float | None = None, reach: tuple[float, float] | None = None
 ) -> BiasChart:
     """The chart of the last bias in a case's program.
 
@@ -46,7 +44,6 @@ def chart(
         case: The case; Maxwell branches of its materials are left out.
         voltage: Full voltage, kV; default the program's largest.
         reach: Lowest and highest displacement, mm; default a range that holds the equilibria.
-        points: Solved points of each curve.
 
     Raises:
         ConfigError: If there is no bias, no voltage, or no reach to be guessed.
@@ -63,7 +60,7 @@ def chart(
     (mount,) = case.config.device.of(MOUNT)
     bias = law(drives(mount, given, 0.0, 0.0, sample=simulation.sample, stage=stage), 1.0)
     low, high = reach or _reach(case, bias, volts)
-    curves = _film(case, volts, low, high, points)
+    curves = _film(case, volts, low, high)
     u = np.linspace(low, high, _FINE)
     force = np.array([bias.balance(x)[0] for x in u])
     film, equilibria = {}, {}
@@ -135,11 +132,11 @@ def _with(case: Case, program: list[dict[str, Any]]) -> Case:
 
 
 def _film(
-    case: Case, volts: float, low: float, high: float, points: int
+    case: Case, volts: float, low: float, high: float
 ) -> dict[float, tuple[Simulation, list[_Point]]]:
     """The film's force over displacement without and with voltage."""
-    down = max(round(points * max(-low, 0) / (high - low)), 0)
-    up = max(points - down, 0) if high > 0 else 0
+    down = max(round(_POINTS * max(-low, 0) / (high - low)), 0)
+    up = max(_POINTS - down, 0) if high > 0 else 0
 
     def move(to: float, steps: int) -> list[dict[str, Any]]:
         there = {"stage": "move", "mount": {"displacement": f"{to!r} mm"}, "steps": steps}

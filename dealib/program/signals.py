@@ -25,7 +25,7 @@ class Signals:
         comm: MPI communicator.
     """
 
-    def __init__(self, comm: Any = MPI.COMM_WORLD) -> None:
+    def __init__(self, comm: Any) -> None:
         self._comm = comm
         self._stop = self._report = 0
         self._deferred = False
