@@ -127,7 +127,7 @@ class Engine:
             system.begin(duration)
 
     def enter(self, dynamic: bool) -> None:
-        """Enter a stage; dynamic stages begin, and are followed, at rest (collective)."""
+        """Enter a stage; motion starts from rest, and a quasi-static stage ends it (collective)."""
         system, inertia = self.newton.system, self.inertia
         if inertia is not None:
             if not dynamic or system.inertia is None:
