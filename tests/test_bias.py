@@ -226,7 +226,7 @@ def test_leaving_a_table_is_a_warning(tmp_path):
     )
     run = dealib.simulate(case(NEGATIVE, program=program), tmp_path / "run")
     (warning,) = run.info["warnings"]
-    assert "is beyond what a bias element is given for (-1.5 to -0.5 mm)" in warning
+    assert "is outside the range of a bias element (-1.5 to -0.5 mm)" in warning
     u, force = run.history.iloc[-1][["displacement_mm", "force_N"]]
     assert u < -1.5
     assert force == pytest.approx(-0.1 * (u + 1) - 0.030 * GRAVITY, abs=1e-9)

@@ -342,7 +342,7 @@ EDITS: list[tuple[str, str, str, str | list[str], str]] = [
      "thickness: 0.1 mm, within: {R: [1 mm, 4 mm]},",
      "7:48: geometry.layers.1.within: the base has no axis R; it has X", "{R"),
     ("material of a layer", "material: electrode", "material: elektrode",
-     "10:3: materials: there is no 'elektrode', of which the layer 'upper' is; did you mean "
+     "10:3: materials: there is no 'elektrode', the material of layer 'upper'; did you mean "
      "'electrode'?", "film"),
     ("no dielectric", ", relative_permittivity: 3.0", "",
      "3:3: geometry: all layers conduct: at least one needs a material with relative_permittivity",
@@ -369,7 +369,7 @@ EDITS: list[tuple[str, str, str, str | list[str], str]] = [
      "13:31: terminals.hot.within: 2 to 12 mm is no part of the base, which goes from 0 to 10 mm "
      "along X", "[2 mm"),
     ("part of a layer", "on: upper", "on: film, within: [2 mm, 3 mm]",
-     "13:13: terminals.hot.on: 'film' is no face, of which a part could be taken; did you mean "
+     "13:13: terminals.hot.on: `within` needs faces of layers, and 'film' is none; did you mean "
      "'film.top'?", "film"),
     ("the same face twice", "  hot: {on: upper}", "  hot: {on: film.top}\n  hut: {on: film.top}",
      "14:13: terminals.hut.on: 'film.top' is a part of terminal 'hot' already", "film.top"),
@@ -394,10 +394,10 @@ EDITS: list[tuple[str, str, str, str | list[str], str]] = [
      "15:48: mounts.rod.on: 'right' is a part of mount 'bar' already", "right"),
     ("mount that is held", "program:",
      "mounts: {bar: {on: right, along: X}}\nholds: [{on: right, fix: [X, Z]}]\nprogram:",
-     "16:26: holds.0.fix: the mount 'bar' moves 'right' along X; drop one of both", "[X"),
+     "16:26: holds.0.fix: the mount 'bar' moves 'right' along X; remove one of the two", "[X"),
     ("mount that the base holds", "program:", "mounts: {bar: {on: left, along: X}}\nprogram:",
-     "15:20: mounts.bar.on: the base holds 'left' by itself; say under `holds` what is held "
-     "instead", "left"),
+     "15:20: mounts.bar.on: the base holds 'left' by default; give `holds` with other parts",
+     "left"),
     ("face of two chambers", "program:",
      "chambers: {one: {on: film.bottom}, two: {on: film.bottom}}\nprogram:",
      "15:46: chambers.two.on: 'film.bottom' is a face of chamber 'one' already", "film.bottom"),
@@ -443,8 +443,8 @@ EDITS: list[tuple[str, str, str, str | list[str], str]] = [
      "15:8: holds: nothing holds the device against motion about Y; fix a part of it here, or "
      "drive a mount by its displacement or a spring", "[{on"),
     ("chamber on an inner face", "program:", "chambers: {pump: {on: film.top}}\nprogram:",
-     "15:23: chambers.pump.on: the face 'film.top' lies between two solids, where there is no "
-     "room; choose a face of the outer surface", "film.top"),
+     "15:23: chambers.pump.on: the face 'film.top' lies between two solids, so that no "
+     "chamber can be there; choose a face of the outer surface", "film.top"),
     ("terminals that touch", TERMINALS + "program:\n  - {stage: on, terminal: {voltage: 1 kV}}",
      "  hot: {on: film.bottom, within: [0 mm, 4 mm]}\n"
      "  hut: {on: film.bottom, within: [4 mm, 9 mm]}\n"
@@ -497,7 +497,7 @@ def test_messages_of_a_run_count_overrides(tmp_path):
         dealib.Simulation(dealib.load(path, set=["chambers={pump: {on: film.top}}"]))
     assert str(caught.value) == (
         "set chambers={pump: {on: film.top}}: chambers.pump.on: the face 'film.top' lies between "
-        "two solids, where there is no room; choose a face of the outer surface"
+        "two solids, so that no chamber can be there; choose a face of the outer surface"
     )
 
 

@@ -447,5 +447,5 @@ def test_a_branch_out_of_time_takes_no_viscosity():
 def test_a_branch_that_begins_at_its_end_is_told():
     text = "{vary: voltage, along: displacement, until: {displacement: -0 mm}}"
     program = f"[{{stage: load, mount: {{force: 0 N}}}}, {{stage: b, follow: {text}}}]"
-    with pytest.raises(ConfigError, match="stage 'b' begins at the end of its displacement"):
+    with pytest.raises(ConfigError, match="stage 'b' begins at the value of displacement at whi"):
         list(dealib.Simulation(case("pull_in", program=program, **NO_AIR)))

@@ -203,7 +203,7 @@ def test_a_run_past_locking_says_so(name, formulation):
     rows = []
     with pytest.raises(dealib.NotConverged) as stopped:
         rows.extend(state.row for state in simulation)
-    assert "less load, for a law is stretched to over 90 % of its limit" in str(stopped.value)
+    assert "reduce the load, for a law is stretched to over 90 % of its limit" in str(stopped.value)
     assert "a law locks" in str(stopped.value)
     # at most the flat cone's stretch l: l^2 + l^-2 - 2 = 1, sqrt((l^2 + 1 + l^-2) / 3) = 1.25
     longest = {"gent": 1.618, "arruda_boyce": 1.786}[name]

@@ -203,7 +203,8 @@ SIZES = [
      "5:19: geometry.film_thickness: 1e-09 mm are less than a millionth of the strips' length "
      r"\(4 mm\); check the unit"),
     ("a strip that is no strip", "12 mm", "8.000001 mm",
-     "4:17: geometry.outer_radius: a strip of less than a millionth of inner_radius"),
+     "4:17: geometry.outer_radius: the ring is narrower than a millionth of inner_radius; check "
+     "the unit"),
 ]  # fmt: skip
 
 

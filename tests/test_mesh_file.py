@@ -38,11 +38,11 @@ SCRIPTS = [
      "no mesh of Gmsh's, which begins with $MeshFormat"),
     ("script behind a header", "m.msh",
      f"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n{SCRIPT}",
-     "'SystemCall \"touch made_by_a_mesh\";' between its sections"),
+     "unexpected text 'SystemCall \"touch made_by_a_mesh\";' between its sections"),
     ("script behind a mesh", "m.msh", FILM + SCRIPT,
-     "'SystemCall \"touch made_by_a_mesh\";' between its sections"),
+     "unexpected text 'SystemCall \"touch made_by_a_mesh\";' between its sections"),
     ("script among nodes", "m.msh", FILM.replace("$Nodes\n", f"$Nodes\n{SCRIPT}"),
-     "$Nodes holds what is no number"),
+     "$Nodes holds something that is not a number"),
 ]  # fmt: skip
 
 
@@ -182,19 +182,19 @@ FILM_POINTS = msh.read(CONFIGS.parent / "meshes" / "film.msh").points[:, :2]
 
 # (what, text, message)
 UNSOUND = [
-    ("cut off", FILM[: FILM.index("$EndNodes")], r"it ends within \$Nodes"),
+    ("cut off", FILM[: FILM.index("$EndNodes")], r"the file is cut off: it ends within \$Nodes"),
     ("fewer nodes than it says", FILM.replace("9 123 1 123", "99 123 1 123"),
-     r"\$Nodes is shorter than it says"),
+     r"\$Nodes holds fewer numbers than it announces"),
     ("a cell twice", lines(twice), r"cells overlap at \(10\.50\d+, -0\.015\) mm"),
     ("a cell folded", lines(folded), r"the cell at \(\d.*, .*\) mm is flat or folded"),
-    ("no such node", lines(lost), "an element refers to a node that is not there"),
-    ("a crack", torn(), r"several nodes are at \(8\.35, .*\) mm: what meets there is not "
-     "connected"),
+    ("no such node", lines(lost), "an element refers to a node that does not exist"),
+    ("a crack", torn(), r"several nodes are at \(8\.35, .*\) mm: the cells there are not "
+     "connected; merge the nodes"),
     ("infinite", moved(5, "1e999", 0),
      "the coordinates of a node are not finite, or beyond 1e9 mm"),
     ("a node far away", moved(5, 11.0, 0), r"the cell at \(.*\) mm is flat or folded"),
     ("cells of another size", FILM.replace("2 1 3 80", "2 1 9 80"),
-     r"\$Elements is shorter than it says"),
+     r"\$Elements holds fewer numbers than it announces"),
     ("cells of another kind", FILM.replace("2 1 3 80", "2 1 7 80"),
      "cells must be triangles, quadrilaterals, tetrahedra and hexahedra of first or second order, "
      "not Gmsh's type 7"),

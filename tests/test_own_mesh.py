@@ -230,7 +230,7 @@ def test_a_crack_is_found(tmp_path, kind):
     cells[0] = own
     cracked = replace(mesh, points=points, elements=mesh.elements | {key: cells})
     assert "several nodes are at (" in sound.fault(cracked, dim)
-    assert sound.fault(cracked, dim).endswith("what meets there is not connected")
+    assert sound.fault(cracked, dim).endswith("the cells there are not connected; merge the nodes")
 
 
 @pytest.mark.parametrize("kind", ["6-node triangles", "9-node quadrilaterals", "27-node hexahedra"])
@@ -245,7 +245,7 @@ def test_a_node_beside_the_one_of_the_middle_is_a_crack_too(tmp_path, kind):
     cracked = replace(mesh, points=points, elements=mesh.elements | {key: cells})
     place = ", ".join(f"{x:.6g}" for x in mesh.points[shared, :dim].round(9))
     assert sound.fault(cracked, dim) == (
-        f"several nodes are at ({place}) mm: what meets there is not connected"
+        f"several nodes are at ({place}) mm: the cells there are not connected; merge the nodes"
     )
 
 

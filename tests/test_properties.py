@@ -18,8 +18,9 @@ from dealib.config.schema import Config
 from dealib.fem import energies
 from dealib.fem.energies import Hyperelastic, IdealDielectric, MeshElasticity, Point
 from dealib.fem.newton import Newton
+from dealib.fem.port_law import PortLaw
 from dealib.fem.problem import build_problem
-from dealib.fem.system import PortLaw, Timings
+from dealib.fem.system import Timings
 from dealib.materials import LAWS, thickness_stretch
 from dealib.results import stress
 from dealib.units import DIMENSIONS, parse, write

@@ -484,7 +484,7 @@ def test_a_loudspeaker_sounds_by_the_volume_that_it_moves():
 
 
 def test_sound_is_that_of_flat_bodies_of_revolution():
-    with pytest.raises(ConfigError, match="sound: only of a disc or an annulus"):
+    with pytest.raises(ConfigError, match="sound: only for a disc or an annulus"):
         spectrum(beam(), [10.0], distance=100.0)
 
 

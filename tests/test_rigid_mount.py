@@ -456,7 +456,7 @@ def test_two_ranks_share_a_mount_and_its_modes(tmp_path):
         ({"mounts": {"plate": {"on": "right", "rigid": True, "free": "X"}}}, "holds its part"),
         (
             {"mounts": {"plate": {"on": "right", "along": "X", "centre": ["1 mm", "0 mm"]}}},
-            "only of a rigid mount",
+            "only for a rigid mount",
         ),
         (
             {"mounts": {"plate": {"on": "right", "rigid": True, "centre": ["1 mm", "0 mm"]}}},
@@ -464,7 +464,7 @@ def test_two_ranks_share_a_mount_and_its_modes(tmp_path):
         ),
         (
             {"holds": [{"on": ["left", "right"], "fix": "Y"}]},
-            "the mount 'plate' moves 'right' along Y; drop one of both",
+            "the mount 'plate' moves 'right' along Y; remove one of the two",
         ),
         (
             {"program": [{"stage": "go", "turn": {"rotation": "5 deg"}}]},
@@ -487,10 +487,10 @@ def test_where_a_mount_cannot_be_rigid():
     with pytest.raises(ValueError, match="an axisymmetric device moves along Z only"):
         config("disc", mounts=plate, holds=[])
     solid = {"geometry": {"space": "3d", "symmetry": ["X"]}}
-    with pytest.raises(ValueError, match=r"turn out of the planes of geometry\.symmetry"):
+    with pytest.raises(ValueError, match=r"turn out of the planes of symmetry; leave geometry\.s"):
         config("disc", mounts=plate, holds=[], **solid)
     air = {"geometry": {"air_height": "2 mm"}}
-    with pytest.raises(ValueError, match="only without air around the device"):
+    with pytest.raises(ValueError, match="needs a device without air around it; set its air_heig"):
         config("strip", mounts={"plate": {"on": "right", "rigid": True}}, **air)
 
 

@@ -365,7 +365,7 @@ def test_numbers_that_the_mesh_does_not_follow_are_told(tmp_path):
     found = sensitivity.find(case, ["force_N"])
     assert found.left_out[where] == said
     assert found.left_out["geometry.base.outer_radius"] == (
-        "its mesh would have other cells, as where a part ends at an edge"
+        "a small change would alter the mesh's cells, as where a part ends at an edge"
     )
     assert where not in [row["key"] for row in found.rows]
     own = dealib.load(CONFIGS / "own_mesh.yaml")

@@ -1,4 +1,4 @@
-"""From the sections of a config to a device: names looked up, ports and supports in order."""
+"""Makes a device from the sections of a config: looks up names, orders ports and supports."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from dealib.device.device import Device
 from dealib.device.driven import Driven, Parts, check_apart
 from dealib.device.kinematics import Kinematics
-from dealib.device.laminate import FRAME_BLOCK, MOUNT_BLOCK, Laminate, Part
+from dealib.device.laminate import FRAME_BLOCK, MOUNT_BLOCK, Laminate
+from dealib.device.part import Part
 from dealib.device.ports import Chamber, Hold, Mount, Terminal
 from dealib.device.records import (
     AIR,
@@ -23,14 +24,14 @@ GROUND = "ground"
 
 @dataclass(frozen=True)
 class Sections:
-    """What a config says of its device; None where it says nothing.
+    """The sections of a config that describe its device; None for a section that is absent.
 
     Attributes:
-        terminals: By name.
-        mounts: By name.
-        holds: In order.
-        chambers: By name.
-        regions: Materials of regions by name.
+        terminals: Electrodes by name.
+        mounts: Moving parts by name.
+        holds: Fixed parts, in order.
+        chambers: Pressurised chambers by name.
+        regions: Material of each region of a mesh file, by the region's name.
     """
 
     terminals: Mapping[str, Terminal] | None = None
@@ -57,7 +58,8 @@ def device(
         sheet: Whether a laminate is solved on its middle surface.
 
     Raises:
-        ValueAt: With the place in the config, if a name means nothing or parts contradict.
+        ValueAt: With the place in the config, if a name is unknown or sections contradict each
+            other.
     """
     if isinstance(geometry, MeshShape):
         return _of_mesh(geometry, conductors, given, names or {})
@@ -67,7 +69,7 @@ def device(
     for layer in laminate.layers:
         if layer.material not in conductors:
             hint = did_you_mean(layer.material, list(conductors))
-            problem = f"there is no {layer.material!r}, of which the layer {layer.name!r} is{hint}"
+            problem = f"there is no {layer.material!r}, the material of layer {layer.name!r}{hint}"
             raise ValueAt(("materials",), problem)
     if all(layer.conducts for layer in laminate.layers):
         problem = "all layers conduct: at least one needs a material with relative_permittivity"
@@ -80,7 +82,7 @@ def device(
         tuple(layer.name for layer in laminate.layers if layer.conducts),
         laminate.base.across,
     )
-    terminals = _natural_terminals(laminate) if given.terminals is None else on
+    terminals = _default_terminals(laminate) if given.terminals is None else on
     end = laminate.base.mount
     mounts = given.mounts
     if mounts is None:
@@ -88,12 +90,11 @@ def device(
         mounts = {} if end is None else {"mount": Mount(on=(*blocks, end), along="Z")}
     holds = given.holds
     if holds is None:
-        natural = laminate.held
         frame = [FRAME_BLOCK] if laminate.blocks is not None else []
-        holds = [Hold(on=(*frame, name), fix=axes) for name, axes in natural]
+        holds = [Hold(on=(*frame, name), fix=axes) for name, axes in laminate.held]
     driven = Driven(parts)
     driven.mounts(mounts)
-    driven.holds(holds, natural=given.holds is None)
+    driven.holds(holds, default=given.holds is None)
     driven.terminals(terminals)
     driven.chambers(given.chambers or {})
     held = _held_ends(mounts, holds, parts.kinematics)
@@ -109,17 +110,18 @@ def device(
 
 
 def _as_sheet(laminate: Laminate) -> Laminate:
-    """The same on its middle surface."""
+    """The laminate as a membrane, which is solved on its middle surface."""
     if laminate.air_height > 0 or laminate.blocks is not None:
         what = "air_height" if laminate.air_height > 0 else "clamps"
-        raise ValueAt(("geometry", what), "a membrane has none: its field stays between electrodes")
+        problem = "a membrane has no field outside its electrodes; leave this key out"
+        raise ValueAt(("geometry", what), problem)
     return replace(laminate, sheet=True)
 
 
 def _patches(
     laminate: Laminate, terminals: Mapping[str, Terminal]
 ) -> tuple[Laminate, dict[str, Terminal]]:
-    """Terminals on parts of faces get boundaries of their own."""
+    """Give terminals on parts of faces boundaries of their own, the patches."""
     patches, found = {}, {}
     placed: list[tuple[str, str, Part]] = []
     for name, terminal in terminals.items():
@@ -140,7 +142,7 @@ def _patches(
         for k, face in enumerate(terminal.on):
             if face not in laminate.faces:
                 known = list(laminate.faces)
-                problem = f"{face!r} is no face, of which a part could be taken"
+                problem = f"`within` needs faces of layers, and {face!r} is none"
                 raise ValueAt((*where, "on"), problem + did_you_mean(face, known))
             patch = f"{name}.{k + 1}" if len(terminal.on) > 1 else f"{name}.part"
             patches[patch] = (face, part)
@@ -149,8 +151,8 @@ def _patches(
     return replace(laminate, patches=patches), found
 
 
-def _natural_terminals(laminate: Laminate) -> dict[str, Terminal]:
-    """Every conducting layer, or the faces of the first dielectric one; the lowest is ground."""
+def _default_terminals(laminate: Laminate) -> dict[str, Terminal]:
+    """Every conducting layer, or both faces of the first dielectric one; the lowest is ground."""
     on = [layer.name for layer in laminate.layers if layer.conducts]
     if not on:
         film = laminate.film.name
@@ -164,7 +166,7 @@ def _natural_terminals(laminate: Laminate) -> dict[str, Terminal]:
 def _held_ends(
     mounts: Mapping[str, Mount], holds: Sequence[Hold], kinematics: Kinematics
 ) -> dict[str, tuple[str, ...]]:
-    """Axes that are held on each boundary."""
+    """Axes along which mounts and holds fix each boundary."""
     found: dict[str, set[str]] = {}
     for mount in mounts.values():
         for name in mount.on:
@@ -185,7 +187,7 @@ def _of_mesh(
     given: Sections,
     names: Mapping[str, int],
 ) -> Device:
-    """A device whose parts are a mesh's physical names."""
+    """A device whose regions and boundaries are the physical groups of a mesh file."""
     kinematics, top = shape.kinematics, shape.kinematics.dim
     regions, materials = [], dict(given.regions or {})
     for region, material in materials.items():
@@ -226,12 +228,13 @@ def _of_mesh(
     )
     for name, terminal in (given.terminals or {}).items():
         if terminal.within is not None:
-            problem = "only faces of a laminate have parts; name the part in the mesh"
+            problem = "only for faces of a laminate; give this part a physical name in the mesh"
             raise ValueAt(("terminals", name, "within"), problem)
     driven = Driven(parts)
     driven.mounts(given.mounts or {})
-    driven.holds(given.holds or (), natural=False)
+    driven.holds(given.holds or (), default=False)
     driven.terminals(given.terminals or {})
     driven.chambers(given.chambers or {})
-    supports = tuple(driven.supports)
-    return Device(kinematics, parts.regions, supports, driven.ports, boundaries=parts.boundaries)
+    return Device(
+        *(kinematics, parts.regions, tuple(driven.supports), driven.ports, parts.boundaries)
+    )

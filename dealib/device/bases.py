@@ -1,7 +1,7 @@
-"""Bases of laminates: what the layers lie on. A new base is a new class here.
+"""Bases of laminates: the surfaces on which layers are stacked. A new base is a new class here.
 
-A base is a line in its plane: layers are stacked across it. It says where it begins and ends, in
-which space it is solved, and how such a device is usually held.
+In a plane space a base is a line, and layers are stacked across it. A base knows its extent, the
+space in which it is solved, and how such a device is usually held.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from dealib.units import Length
 
 Held = tuple[str, tuple[str, ...]]  # boundary and axes
 Span = tuple[float, float]
-THINNEST = 1e-6  # of lengths: what is thinner is a slip of units
-_CORE = 0.5  # size of a disc's core, of the radius within which nothing begins or ends
+THINNEST = 1e-6  # smallest ratio of a thickness to a length; below it the unit must be wrong
+_CORE = 0.5  # radius of a disc's core over the first radius at which a layer or patch ends
 
 
 class Draft(Protocol):
-    """What a plan is drawn from.
+    """What the plane mesh of a base (its plan) is made from.
 
     Attributes:
-        sectors: Cells in a quarter of a turn, or across.
+        sectors: Cells in a quarter of a turn, or across the width.
         symmetry: Axes across which the device is cut in half: '', 'X', 'Y' or 'XY'.
         circle: Centre and radius of a circular part, if there is one.
     """
@@ -48,28 +48,28 @@ class Draft(Protocol):
         """See above."""
 
     def lines(self, axis: str, limits: Span, fine: tuple[bool, bool] = (True, True)) -> Array:
-        """Grid lines along an axis, fine where something begins or ends.
+        """Grid lines along an axis, fine where a layer or patch begins or ends, mm.
 
         Args:
             axis: The axis.
-            limits: Where they begin and end.
-            fine: Whether they are fine at both ends too.
+            limits: The first and the last line, mm.
+            fine: Whether they are fine at the first and at the last line too.
         """
 
     def parts(self, axis: str, limits: Span) -> list[float]:
-        """Where something begins or ends along an axis, both limits included."""
+        """Coordinates at which a layer or patch begins or ends, and both limits, ascending, mm."""
 
 
 class Base(Section):
-    """What all bases have.
+    """A base of a laminate.
 
     Attributes:
         along: Name of the axis along the base.
         across: Name of the axis along which layers are stacked.
         ends: Boundaries at its beginning and its end; None where there is none.
-        holds: What is held if the config does not say so.
-        mount: Boundary of the mount that moves if the config does not say so; None for none.
-        mirrors: Axes across which it may be cut in half where it is solved in three dimensions.
+        holds: Boundaries and axes that are held by default.
+        mount: Boundary that the mount moves by default; None for no mount.
+        mirrors: Axes across which symmetry may halve it in three dimensions.
     """
 
     kind: str
@@ -91,11 +91,15 @@ class Base(Section):
         raise AssertionError
 
     def plan(self, draft: Draft) -> Plan:
-        """Its mesh in its own plane, for three dimensions; `mirrors` says where it has one."""
+        """Its mesh in its own plane, for three dimensions; only bases with `mirrors` have one."""
         raise AssertionError
 
     def bottom(self, thickness: float) -> float:
-        """Where the lowest layer begins across it, mm; the middle of the laminate is at 0."""
+        """Coordinate of the lowest face across the base, mm; the middle of the laminate is at 0.
+
+        Args:
+            thickness: Of all layers together, mm.
+        """
         return -thickness / 2
 
     @property
@@ -144,7 +148,8 @@ def check_radii(inner: float, outer: float) -> None:
         where, above = ("outer_radius",), f"inner_radius ({inner:g} mm)"
         raise ValueAt(where, f"{outer:g} mm must exceed {above}")
     if outer - inner < THINNEST * inner:
-        raise ValueAt(("outer_radius",), "a strip of less than a millionth of inner_radius")
+        problem = "the ring is narrower than a millionth of inner_radius; check the unit"
+        raise ValueAt(("outer_radius",), problem)
 
 
 def check_thickness(thickness: float, length: float, what: str, *where: str | int) -> None:
@@ -155,7 +160,7 @@ def check_thickness(thickness: float, length: float, what: str, *where: str | in
 
 
 class Disc(Base):
-    """Full disc; nothing has to be said of its axis of symmetry."""
+    """Full disc; its axis of symmetry needs no condition."""
 
     ends: ClassVar[tuple[str | None, ...]] = (None, "outer")
     holds: ClassVar[tuple[Held, ...]] = (("outer", ("R", "Z")),)
@@ -210,7 +215,7 @@ class Tube(Base):
 
 
 class Strip(Base):
-    """Strip in plane strain, from X = 0; forces and charges are of its whole width."""
+    """Strip in plane strain, from X = 0; forces and charges are those of its whole width."""
 
     along: ClassVar[str] = "X"
     ends: ClassVar[tuple[str | None, ...]] = ("left", "right")

@@ -12,12 +12,12 @@ from dealib.device.records import TERMINAL, Port, PortKind, Region, Sizes, Suppo
 
 @dataclass(frozen=True)
 class Device:
-    """Regions, supports and ports of a device, and what its mesh is made from.
+    """Regions, supports and ports of a device, and the laminate of which its mesh is made.
 
     Attributes:
         kinematics: Its space.
         regions: In a fixed order.
-        supports: In order; where two meet, the later one holds.
+        supports: In order; where two meet, the later one applies.
         ports: In order.
         boundaries: Names of boundaries that the user may refer to.
         sizes: Characteristic sizes; None: those of its mesh.
@@ -42,7 +42,7 @@ class Device:
 
     @cached_property
     def by_name(self) -> dict[str, Port]:
-        """Its ports."""
+        """Its ports by name."""
         return {port.name: port for port in self.ports}
 
     @cached_property

@@ -1,4 +1,4 @@
-"""A mesh as it is drawn, and the same cells on a slightly other device."""
+"""The mesh of a config as arrays, and the same cells moved to a slightly changed geometry."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class Drawing:
 
     Attributes:
         nodes: Coordinates, (nodes, 3), mm; those inside free air are the last.
-        fixed: Number of the others, whose places the device alone decides.
-        cells: Nodes of all cells but those of free air, an array (cells, nodes) a kind.
-        air: Nodes of these, (cells, 4).
+        fixed: Number of the other nodes, whose positions follow from the geometry alone.
+        cells: Nodes of all cells outside free air, one array (cells, nodes) for each kind.
+        air: Nodes of the cells of free air, (cells, 4).
     """
 
     nodes: Array
@@ -37,10 +37,10 @@ class Drawing:
 
     @classmethod
     def of(cls, config: Config) -> Drawing:
-        """Draw the mesh of a config.
+        """Make the mesh of a config.
 
         Raises:
-            ConfigError: If that is not possible.
+            ConfigError: If Gmsh cannot mesh it.
         """
         with gmsh_model(config) as gmsh:
             model = gmsh.model
@@ -58,22 +58,26 @@ class Drawing:
         return cls(nodes, len(nodes) - inside, kinds, np.concatenate(air))
 
     def moved(self, other: Drawing) -> Array:
-        """Its nodes where another drawing has them; free air follows what is around it.
+        """Nodes of this mesh at the positions of another one, (nodes, 3), mm.
+
+        Nodes inside free air move by the mean of their neighbours' displacements.
 
         Raises:
-            ConfigError: If the other one has other cells.
+            ConfigError: If the cells of the two meshes differ.
         """
         n = self.fixed
         number = self._numbers_in(other)
         if number is None:
-            raise ConfigError("its mesh would have other cells, as where a part ends at an edge")
+            problem = "a small change would alter the mesh's cells, as where a part ends at an edge"
+            raise ConfigError(problem)
         there = other.nodes[number]
         return np.concatenate([there, self.nodes[n:] + self._spread(there - self.nodes[:n])])
 
     def _numbers_in(self, other: Drawing) -> Ints | None:
-        """Numbers in another drawing of the nodes whose places are fixed; None: it has others.
+        """Numbers of the fixed nodes in another drawing; None if its cells are others.
 
-        Nodes may be numbered by their coordinates, of which rounding decides if some are equal.
+        Both may be numbered differently: Gmsh sorts some nodes by coordinates, and where these are
+        equal rounding decides.
         """
         n = self.fixed
         if n != other.fixed or [c.shape for c in self.cells] != [c.shape for c in other.cells]:
@@ -92,7 +96,7 @@ class Drawing:
         return None
 
     def _spread(self, shift: Array) -> Array:
-        """Shifts of the nodes inside free air, each the mean of its neighbours'."""
+        """Displacements of the nodes inside free air, each the mean of its neighbours'."""
         from scipy.sparse import coo_array
         from scipy.sparse.linalg import spsolve
 
@@ -110,6 +114,6 @@ class Drawing:
 
 
 def _sorted(cells: Ints) -> Ints:
-    """Cells in an order of their own, whatever that of their nodes is."""
+    """Cells in an order that does not depend on the order of their nodes."""
     rows = np.sort(cells, axis=1)
     return np.asarray(rows[np.lexsort(rows.T)])

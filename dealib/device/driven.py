@@ -1,4 +1,4 @@
-"""What holds and drives a device: its supports and ports, from the sections that name them."""
+"""Supports and ports of a device, from the sections mounts, holds, terminals and chambers."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ Place = tuple[str | int, ...]
 
 @dataclass(frozen=True)
 class Parts:
-    """What names can mean.
+    """The parts of a device that sections may name.
 
     Attributes:
         kinematics: The space.
-        regions: All of them.
+        regions: All regions.
         boundaries: Names of boundaries.
         conductors: Names of conducting regions.
         across: Axis across the layers.
@@ -62,9 +62,9 @@ class Parts:
         if self.kinematics.revolved:
             problem = "an axisymmetric device moves along Z only; give `along: Z`, or space: 3d"
         elif self.kinematics.multiple != 1 and self.kinematics.dim == 3:
-            problem = "it would turn out of the planes of geometry.symmetry; leave these out"
+            problem = "it would turn out of the planes of symmetry; leave geometry.symmetry out"
         elif any(region.air for region in self.regions):
-            problem = "only without air around the device"
+            problem = "a rigid mount needs a device without air around it; set its air_height to 0"
         if problem:
             raise ValueAt((*where, "rigid"), problem)
         if mount.centre is not None and len(mount.centre) != self.kinematics.dim:
@@ -73,15 +73,13 @@ class Parts:
 
 
 class Driven:
-    """Supports and ports of a device, as its sections are read one after the other.
-
-    Where supports meet, later ones hold.
+    """Collects supports and ports while the sections are read one after the other.
 
     Attributes:
-        supports: In order.
+        supports: In order; where two meet, the later one applies.
 
     Args:
-        parts: What names can mean.
+        parts: The parts that sections may name.
     """
 
     def __init__(self, parts: Parts) -> None:
@@ -93,7 +91,7 @@ class Driven:
         """The ports, with the suffixes of their columns.
 
         Raises:
-            ValueAt: If two have one name.
+            ValueAt: If two have the same name.
         """
         return tuple(_numbered(self._ports))
 
@@ -101,7 +99,7 @@ class Driven:
         """Read the mounts.
 
         Raises:
-            ValueAt: If a name or an axis means nothing, or two mounts move one part.
+            ValueAt: If a name or an axis is unknown, or two mounts move one part.
         """
         for name, mount in mounts.items():
             where = ("mounts", name)
@@ -114,7 +112,7 @@ class Driven:
             for part in mount.on:
                 self._move(name, mount, part)
             if mount.along is None:
-                self._ports += _six(name, mount, self._parts.kinematics)
+                self._ports += _rigid_ports(name, mount, self._parts.kinematics)
             else:
                 self._ports.append(Port(MOUNT, name, mount.on, along=mount.along, mass=mount.mass))
 
@@ -133,15 +131,15 @@ class Driven:
         self.supports += [Support(axis, part) for axis in held]
         self.supports.append(Support(mount.along, part, name, MOUNT.name))
 
-    def holds(self, holds: Sequence[Hold], natural: bool) -> None:
-        """Read what is held.
+    def holds(self, holds: Sequence[Hold], default: bool) -> None:
+        """Read the holds.
 
         Args:
             holds: In order.
-            natural: Whether the base brings them, and not the config.
+            default: Whether they are the base's default, as the config gives none.
 
         Raises:
-            ValueAt: If a name or an axis means nothing, or a mount moves what is held.
+            ValueAt: If a name or an axis is unknown, or a mount moves a held part.
         """
         for k, hold in enumerate(holds):
             self._parts.check(hold.on, ("holds", k, "on"))
@@ -149,18 +147,18 @@ class Driven:
             pairs = [(part, axis) for part in hold.on for axis in hold.fix]
             for part, axis in (pair for pair in pairs if pair in self._moved):
                 mount = self._moved[part, axis]
-                if natural:
-                    problem = f"the base holds {part!r} by itself; say under `holds` what is held"
-                    raise ValueAt(("mounts", mount, "on"), f"{problem} instead")
-                problem = f"the mount {mount!r} moves {part!r} along {axis}; drop one of both"
+                if default:
+                    problem = f"the base holds {part!r} by default; give `holds` with other parts"
+                    raise ValueAt(("mounts", mount, "on"), problem)
+                problem = f"the mount {mount!r} moves {part!r} along {axis}; remove one of the two"
                 raise ValueAt(("holds", k, "fix"), problem)
             self.supports += [Support(axis, part) for part, axis in pairs]
 
     def terminals(self, terminals: Mapping[str, Terminal]) -> None:
-        """Read the terminals; conductors that are part of none float.
+        """Read the terminals; conductors that belong to no terminal float.
 
         Raises:
-            ValueAt: If a name means nothing, two terminals share a part, or none is ground.
+            ValueAt: If a name is unknown, two terminals share a part, or none is ground.
         """
         taken: dict[str, str] = {}
         for name, terminal in terminals.items():
@@ -185,7 +183,8 @@ class Driven:
         """Read the chambers.
 
         Raises:
-            ValueAt: If a name or an axis means nothing, or two chambers share a wall or an opening.
+            ValueAt: If a name or an axis is unknown, or two chambers share a wall or the name of
+                an opening.
         """
         walls: dict[str, str] = {}
         opened: dict[str, str] = {}
@@ -205,13 +204,13 @@ class Driven:
             openings = tuple((chamber.openings or {}).items())
             for opening, _ in openings:
                 if (other := opened.setdefault(opening, name)) != name:
-                    problem = f"chamber {other!r} has an opening of this name already"
+                    problem = f"chamber {other!r} has an opening of this name; choose another name"
                     raise ValueAt(("chambers", name, "openings", opening), problem)
             self._ports.append(Port(CHAMBER, name, chamber.on, along=along, openings=openings))
 
 
-def _six(name: str, mount: Mount, kinematics: Kinematics) -> Iterator[Port]:
-    """The ports of a rigid mount; in a plane it turns about the axis across it."""
+def _rigid_ports(name: str, mount: Mount, kinematics: Kinematics) -> Iterator[Port]:
+    """Ports of a rigid mount: six in three dimensions; in a plane three, with one turn about Y."""
     turns = kinematics.axes if kinematics.dim == 3 else ("Y",)
     named = [(MOUNT, f"{name}.{axis}", axis) for axis in kinematics.axes]
     named += [(TURN, f"{name}.about_{axis}", axis) for axis in turns]
@@ -233,7 +232,7 @@ def _numbered(ports: list[Port]) -> Iterator[Port]:
 
 
 def check_apart(port: str, other: str) -> None:
-    """Raise `ValueAt` of two terminals that share a point, unless they are one port.
+    """Raise `ValueAt` for two terminals that share a point, unless both are the same port.
 
     Args:
         port: Name of a port; empty for ground.

@@ -49,13 +49,13 @@ def gmsh_model(config: Config) -> Iterator[Any]:
 
 @contextmanager
 def session() -> Iterator[Any]:
-    """A quiet session of Gmsh, which takes no signals away."""
+    """A session of Gmsh without its output, which restores the handlers of signals."""
     import gmsh
 
-    # without the user's own options of Gmsh: they would change the mesh
+    # the user's own option files of Gmsh would change the mesh
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     if threading.current_thread() is threading.main_thread():
-        # Gmsh sets some back to their defaults, and PETSc lets a closed pipe end the process
+        # Gmsh resets SIGINT and SIGTERM; PETSc would end the process on a closed pipe
         signal.signal(signal.SIGPIPE, signal.SIG_IGN)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.getsignal(number))
@@ -70,7 +70,7 @@ def save(gmsh: Any, path: Path) -> None:
     """Write the open model in Gmsh's format, whole or not at all.
 
     Raises:
-        PlatformError: If the disk refuses, of which Gmsh itself does not tell.
+        PlatformError: If the disk refuses; Gmsh itself does not report that.
     """
     with whole(path) as temporary:
         gmsh.write(str(temporary))
@@ -86,13 +86,17 @@ def write(config: Config, path: Path) -> dict[str, int]:
 
 
 def check(config: Config) -> None:
-    """Raise what is wrong with the mesh file of a config."""
+    """Check the mesh file of a config.
+
+    Raises:
+        ConfigError: If it is damaged, lacks names, or does not fit the geometry.
+    """
     with gmsh_model(config):
         pass
 
 
 def cells_by_region(model: Any, regions: set[str]) -> dict[str, int]:
-    """Number of cells in each region; those of a sheet are of several, such as 'film&patch'."""
+    """Number of cells in each region; cells of a sheet may lie in several, such as 'film&patch'."""
     dim, found = model.getDimension(), Counter[str]()
     for _, tag in model.getPhysicalGroups(dim):
         names = model.getPhysicalName(dim, tag).split(JOIN)
@@ -109,7 +113,7 @@ def _read(gmsh: Any, config: Config) -> None:
     try:
         found.into(gmsh.model)
     except Exception as error:  # gmsh raises plain Exception
-        raise ConfigError(f"{path}: no sound mesh: {error}") from None
+        raise ConfigError(f"{path}: Gmsh refuses this mesh: {error}") from None
     if isinstance(geometry, AnnularStrips):
         own_strips.check(gmsh.model, path, geometry)
     if fault := sound.fault(found, config.device.kinematics.dim):

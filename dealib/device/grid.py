@@ -32,10 +32,11 @@ class Grid:
     """Cells between grid lines, each of one region.
 
     Attributes:
-        along: Coordinates of the lines across the base, ascending, mm.
-        across: Coordinates of the lines along it, the far sides of free air included.
-        spacing: Nodes between neighbouring lines as fractions, by way and index.
-        cells: Region of each cell (i, j) that is there.
+        along: Coordinates along the base of the grid lines across it, ascending, mm.
+        across: Coordinates across it of the lines along it, with the far sides of free air, mm.
+        spacing: Nodes between neighbouring lines as fractions from 0 to 1, by direction ('along'
+            or 'across') and index.
+        cells: Region of each cell (i, j) that exists.
         lines: Boundaries by name.
         air_size: Size of free air's cells at its far sides; None: there is no free air.
         swapped: Whether layers are stacked along the first coordinate.
@@ -59,7 +60,7 @@ class Grid:
 
 
 class _Model:
-    """A grid while it is made: points, lines and surfaces on demand, shared by neighbours."""
+    """A grid being built in Gmsh: points, lines and surfaces are shared by neighbours."""
 
     def __init__(self, gmsh: Any, grid: Grid) -> None:
         self.gmsh, self.geo, self.grid = gmsh, gmsh.model.geo, grid
@@ -157,7 +158,7 @@ class _Model:
             self.gmsh.option.setNumber(option, value)
         for surface in mapped:
             model.mesh.setTransfiniteSurface(surface)
-        if narrow:  # two cells along the air's far sides: Gmsh halves their number on its way
+        if narrow:  # the far sides of the air need two cells, since recombination halves them
             for line in (*self.groups[1, AIR_TOP], *self.groups[1, AIR_BOTTOM]):
                 model.mesh.setTransfiniteCurve(line, 3)
         self._space()
@@ -194,6 +195,12 @@ def _slot(key: Line) -> tuple[str, int]:
 
 
 def growing(length: float, first: float, ratio: float) -> Array:
-    """Nodes of cells that grow from a first one."""
+    """Nodes of cells that grow along a length, as fractions from 0 to 1.
+
+    Args:
+        length: In mm.
+        first: Size of the first cell, mm.
+        ratio: Of each cell to the one before.
+    """
     cells = grading.growing_cells(length, first, ratio)
     return grading.geometric(cells, first / length)

@@ -19,7 +19,7 @@ _ON_AXIS = 1e-9  # mm; nearer to the axis u_R / R is rounding
 
 @dataclass(frozen=True)
 class Kinematics:
-    """One space.
+    """One space: axisymmetric, plane strain, or three dimensions.
 
     Attributes:
         space: Its name in the config.
@@ -61,7 +61,7 @@ class Kinematics:
         return self.space == "axisymmetric"
 
     def times(self, multiple: float) -> Kinematics:
-        """The same space for a device of another multiple of the mesh."""
+        """The same space with another `multiple`."""
         return replace(self, multiple=multiple)
 
     # --- UFL -------------------------------------------------------------------------------------
@@ -79,7 +79,7 @@ class Kinematics:
         """
         import ufl
 
-        assert u.ufl_shape == (self.dim,), "the displacement has a component an axis"
+        assert u.ufl_shape == (self.dim,), "the displacement needs one component for each axis"
         return ufl.Identity(3) + self.gradient(u, position)
 
     def gradient(self, v: Any, position: Any) -> Any:
@@ -139,8 +139,8 @@ class Kinematics:
 class SheetKinematics(Kinematics):
     """A sheet on a line or in a plane: its middle surface moves in space.
 
-    The deformation gradient is known but for a rotation, by which no energy changes: its columns
-    are the base's tangents in a triangular form, and the thickness stretch across.
+    The deformation gradient is determined up to a rotation, which changes no energy. Within the
+    sheet it is the triangular Cholesky factor of the metric, across it the thickness stretch.
 
     Attributes:
         inside: Numbers of the axes in which the mesh lies.
@@ -184,7 +184,7 @@ class SheetKinematics(Kinematics):
         return found
 
     def around(self, u: Any, position: Any) -> Any:
-        """Stretch along the last component of a plane space: the hoop's, or 1."""
+        """Stretch out of the plane of the mesh: the hoop stretch, or 1 in plane strain."""
         if not self.revolved:
             return 1
         return 1 + u[0] / (position[0] if self.lies[0] == 0 else self.offset)
@@ -215,7 +215,12 @@ class SheetKinematics(Kinematics):
         return (self.lies[0], self.lies[1]) if self.dim == 3 else (self.lies[0], 2)
 
     def sheet_gradient(self, metric: tuple[Any, ...], across: Any) -> Any:
-        """F of shape (3, 3) but for a rotation, at a metric and a thickness stretch."""
+        """F of shape (3, 3) up to a rotation (see the class).
+
+        Args:
+            metric: Components of `metric`.
+            across: Thickness stretch.
+        """
         import ufl
 
         first = ufl.sqrt(metric[0])
@@ -231,7 +236,7 @@ class SheetKinematics(Kinematics):
         return ufl.as_matrix(F)
 
     def area_vector(self, u: Any, position: Any) -> Any:
-        """Deformed area per area of the mesh, across it, of shape (3,)."""
+        """Area vector (normal times area) after deformation per area of the mesh, shape (3,)."""
         import ufl
 
         tangents = self.tangents(u)
@@ -265,7 +270,7 @@ class SheetKinematics(Kinematics):
         return found
 
     def sheet_deformation(self, u: Array, N: Array, dN: Array, position: Array) -> Array:
-        """F at points of cells but for its column across, which is the unit normal.
+        """F at points of cells, (cells, points, 3, 3), with the unit normal as its column across.
 
         Args:
             u: Nodal displacements (cells, nodes, axes).
@@ -293,7 +298,7 @@ class SheetKinematics(Kinematics):
 def at_points(nodal: Array, dN: Array) -> Array:
     """Gradients at points of cells, (cells, points, columns, axes), from (cells, nodes, columns).
 
-    One product of matrices a cell: one a point takes twice as long.
+    It takes one matrix product for each cell; one for each point takes twice as long.
     """
     cells, points, nodes, axes = dN.shape
     flat = np.swapaxes(dN, 1, 2).reshape(cells, nodes, points * axes)
@@ -302,7 +307,7 @@ def at_points(nodal: Array, dN: Array) -> Array:
 
 
 def _hoop(F: Array, u: Array, N: Array, position: Array) -> Array:
-    """Stretch around the axis at points; on the axis itself it is that along the radius."""
+    """Hoop stretch at points; on the axis itself it equals the radial stretch."""
     R = position[..., 0]
     on_axis = np.abs(R) < _ON_AXIS
     around = 1 + u[..., 0] @ N.T / np.where(on_axis, 1.0, R)

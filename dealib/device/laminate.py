@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -12,64 +11,14 @@ import numpy as np
 
 from dealib.device.bases import Base
 from dealib.device.grading import Array
-from dealib.device.grid import (
-    AIR_BOTTOM,
-    AIR_END,
-    AIR_START,
-    AIR_TOP,
-    Line,
-)
+from dealib.device.grid import AIR_BOTTOM, AIR_END, AIR_START, AIR_TOP, Line
 from dealib.device.kinematics import SOLID, Kinematics, SheetKinematics
+from dealib.device.part import Part, Span
 from dealib.device.records import Region, Sizes, Support, air
 
 MOUNT_BLOCK, FRAME_BLOCK = "mount_block", "frame_block"
 AXIS = "axis"
 JOIN = "&"  # between the names of a boundary that has several
-
-Span = tuple[float, float]
-
-
-@dataclass(frozen=True)
-class Part:
-    """A part of a base.
-
-    Attributes:
-        spans: From where to where it goes along some axes.
-        circle: Centre and radius, if it is one.
-    """
-
-    spans: Mapping[str, Span] = field(default_factory=dict)
-    circle: tuple[float, float, float] | None = None
-
-    def covers(self, at: Mapping[str, Any]) -> Any:
-        """Whether it covers points, given by their coordinates along each axis."""
-        inside = np.ones(np.shape(next(iter(at.values()))), dtype=bool)
-        for axis, (a, b) in self.spans.items():
-            inside &= (a <= at[axis]) & (at[axis] <= b)
-        if self.circle is not None:
-            x, y, radius = self.circle
-            inside &= np.hypot(at["X"] - x, at["Y"] - y) <= radius
-        return inside
-
-    def breaks(self, axis: str) -> tuple[float, ...]:
-        """Where it begins and ends along an axis."""
-        return self.spans.get(axis, ())
-
-    def touches(self, other: Part) -> bool:
-        """Whether it shares a point with another part."""
-        if self.circle is not None and other.circle is not None:
-            (x, y, one), (u, v, two) = self.circle, other.circle
-            return math.hypot(x - u, y - v) <= one + two
-        if other.circle is not None:
-            return other.touches(self)
-        if self.circle is not None:
-            *centre, radius = self.circle
-            spans = (other.spans.get(axis, (-math.inf, math.inf)) for axis in "XY")
-            away = [max(a - c, c - b, 0.0) for c, (a, b) in zip(centre, spans, strict=True)]
-            return math.hypot(*away) <= radius
-        both = self.spans.keys() & other.spans.keys()
-        pairs = ((self.spans[axis], other.spans[axis]) for axis in both)
-        return all(a <= d and c <= b for (a, b), (c, d) in pairs)
 
 
 @dataclass(frozen=True)
@@ -114,10 +63,10 @@ class Laminate:
 
     Attributes:
         base: The base.
-        layers: From the bottom, or from the inside.
-        air_height: Of the air above and below the middle, mm; 0 without.
+        layers: From the bottom, or from the inside of a tube.
+        air_height: Of the air above and below the middle, mm; 0 without air.
         blocks: Rigid blocks at both ends, if there are some.
-        patches: Parts of faces with names of their own: face and part.
+        patches: Face and part of each part of a face that has a name of its own.
         face: Pattern of the names of faces.
         solid: Whether it is solved in three dimensions.
         symmetry: Axes across which it is cut in half there: '', 'X', 'Y' or 'XY'.
@@ -151,7 +100,7 @@ class Laminate:
 
     @property
     def held(self) -> list[tuple[str, tuple[str, ...]]]:
-        """What is held if the config does not say so."""
+        """Boundaries and axes that are held by default."""
         every = self.kinematics.axes if self.solid else None
         return [(name, every or axes) for name, axes in self.base.holds]
 
@@ -222,10 +171,10 @@ class Laminate:
         )
 
     def supports(self, held: Mapping[str, tuple[str, ...]]) -> list[Support]:
-        """What the shape itself holds: symmetry, and the air's sides.
+        """Supports of the planes of symmetry and of the outer sides of the air.
 
         Args:
-            held: Axes that are held at each end of the base.
+            held: Axes that are held at each end of the base; the air's side there follows.
         """
         base, axes = self.base, self.kinematics.axes
         found = [Support(axis, f"symmetry_{axis}") for axis in self.symmetry]
@@ -254,13 +203,16 @@ class Laminate:
         return [*found, limits[1]]
 
     def covers(self, within: Part | None, a: float, b: float) -> bool:
-        """Whether what lies within a part lies between two places along the base, too."""
+        """Whether a part (None: the whole base) covers the interval from a to b along the base."""
         return within is None or bool(within.covers({self.base.along: (a + b) / 2}))
 
     def lines(self, along: list[float]) -> dict[str, list[Line]]:
-        """Ends and faces; a line of several names is in a group of its own (see `JOIN`).
+        """Grid lines on ends and faces by name; see `interfaces` for the names of faces.
 
-        Where a conductor touches a dielectric, their interface has the dielectric's name alone.
+        Lines with several names are under all of them, joined by `JOIN`.
+
+        Args:
+            along: Coordinates along the base between which nothing begins or ends, mm.
         """
         parts, n = list(enumerate(pairwise(along))), len(along) - 1
         found: dict[str, list[Line]] = {}
@@ -279,9 +231,10 @@ class Laminate:
         return found
 
     def interfaces(self, at: Mapping[str, Array]) -> Iterator[tuple[tuple[str, ...], int, Any]]:
-        """Faces by level: names, level, and which of some points along the base are on them.
+        """Faces by level: names, level, and the mask of the given points that lie on them.
 
-        Where a conductor touches a dielectric, their interface has the dielectric's name alone.
+        Where a conductor touches a dielectric, their interface has the name of the dielectric's
+        face only.
 
         Args:
             at: Coordinates of the points by axis.
@@ -311,7 +264,7 @@ class Laminate:
     def _patched(
         self, names: tuple[str, ...], level: int, mask: Any, at: Mapping[str, Array]
     ) -> Iterator[tuple[tuple[str, ...], int, Any]]:
-        """Points of faces by the patches on them."""
+        """Split the points of a face by the patches that cover them."""
         parts = [(names, mask)]
         for patch, (face, part) in self.patches.items():
             if face in names:

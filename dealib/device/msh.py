@@ -1,7 +1,7 @@
 """Reading Gmsh's mesh files, in its formats 4.1 and 2.2 as text.
 
-Gmsh itself never opens a file of a user: it would run the script in one that is no mesh, or in an
-option file beside it, and broken numbers make it crash.
+Gmsh itself never opens a user's file: it would run scripts in it or in an option file beside it,
+and damaged numbers make it crash.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class MeshFile:
         names: Names of physical groups, by dimension and tag.
         groups: Tags of the physical groups of each of Gmsh's entities, by dimension and entity.
         points: Coordinates of the nodes, (nodes, 3).
-        elements: By dimension, entity and type: nodes of the elements, (elements, nodes of one).
+        elements: Nodes of the elements by dimension, entity and type, (elements, nodes of one).
     """
 
     names: dict[tuple[int, int], str]
@@ -55,7 +55,7 @@ class MeshFile:
     elements: dict[tuple[int, int, int], Ints]
 
     def into(self, model: Any) -> None:
-        """Build the mesh in Gmsh's present model."""
+        """Build the mesh in Gmsh's current model."""
         entities = list(dict.fromkeys((dim, entity) for dim, entity, _ in self.elements))
         for dim, entity in entities:
             model.addDiscreteEntity(dim, entity)
@@ -84,7 +84,7 @@ def read(path: Path) -> MeshFile:
     """Read a mesh file.
 
     Raises:
-        ConfigError: If it is none, or damaged.
+        ConfigError: If it is not a mesh of Gmsh, or is damaged.
     """
     content = read_bytes(path, "mesh", _MOST)
     try:
@@ -94,7 +94,7 @@ def read(path: Path) -> MeshFile:
 
 
 def physical_names(path: Path) -> dict[str, int]:
-    """Names and dimensions of the physical groups of a mesh file, of which the head is read.
+    """Names and dimensions of the physical groups of a mesh file; the rest is not parsed.
 
     Raises:
         ConfigError: If it is no mesh of Gmsh, or has no names.
@@ -143,7 +143,7 @@ def _parsed(sections: dict[str, bytes]) -> MeshFile:
     for key, wanted in parts:
         place = np.searchsorted(known, wanted).clip(max=max(len(known) - 1, 0))
         if not len(known) or (known[place] != wanted).any():
-            raise ValueError("an element refers to a node that is not there")
+            raise ValueError("an element refers to a node that does not exist")
         found[key].append(order[place])
         if version == "2.2":
             groups[key[:2]] = {key[1]}
@@ -161,10 +161,10 @@ def _sections(content: bytes) -> Iterator[tuple[str, bytes]]:
     while rest := content[at : at + 100].strip():
         head = _HEAD.match(content, at)
         if head is None:
-            raise ValueError(f"{shown(_text(rest), 40)!r} between its sections")
+            raise ValueError(f"unexpected text {shown(_text(rest), 40)!r} between its sections")
         end = content.find(b"$End" + head[1], head.end())
         if end < 0:
-            raise ValueError(f"it ends within ${_text(head[1])}")
+            raise ValueError(f"the file is cut off: it ends within ${_text(head[1])}")
         yield _text(head[1]), content[head.end() : end]
         at = end + 4 + len(head[1])
 
@@ -181,13 +181,13 @@ class _Numbers:
         try:
             self._all = np.array(content.split(), dtype=np.float64)
         except ValueError:
-            raise ValueError(f"${name} holds what is no number") from None
+            raise ValueError(f"${name} holds something that is not a number") from None
 
     def take(self, *shape: int) -> Array:
         """The next numbers, in a shape."""
         n = math.prod(shape)
         if not 0 <= n <= len(self._all) - self._at:
-            raise ValueError(f"${self._name} is shorter than it says")
+            raise ValueError(f"${self._name} holds fewer numbers than it announces")
         self._at += n
         return self._all[self._at - n : self._at].reshape(shape)
 
@@ -195,17 +195,17 @@ class _Numbers:
         """The next numbers, which must be counts or tags."""
         found = self.take(n)
         if not (abs(found) < 2**31).all() or (found % 1 != 0).any():
-            raise ValueError(f"${self._name} holds a fraction where it counts")
+            raise ValueError(f"${self._name} holds a count or tag that is not a whole number")
         return [int(v) for v in found]
 
     def peek(self, n: int) -> list[int]:
-        """The same, which are then taken again."""
+        """The same without taking them."""
         found = self.counts(n)
         self._at -= n
         return found
 
     def rest(self, width: int) -> Array:
-        """What has not been taken, in rows of a width."""
+        """The numbers that have not been taken, in rows of a width."""
         left = self._all[self._at :]
         return left[: len(left) // max(width, 1) * width].reshape(-1, max(width, 1))
 

@@ -1,4 +1,4 @@
-"""A mesh of the user's own, made ready: unit, order, one kind of cell."""
+"""Prepares a user's own mesh: its unit, its order, and one kind of cell."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ _SPLIT = {4: [[0, 1, 2], [0, 2, 3]], 9: [[0, 1, 2, 4, 5, 8], [0, 2, 3, 8, 6, 7]]
 
 
 def prepare(gmsh: Any, config: Config, shape: MeshShape) -> None:
-    """Make the open Gmsh model fit what is solved on it.
+    """Make the open Gmsh model fit the solver.
 
-    Lengths become mm. Where triangles and quadrilaterals are mixed, these are cut into triangles.
-    Curved cells are straightened if displacements are of first order.
+    Lengths become mm. If there are triangles too, quadrilaterals are cut into triangles. Curved
+    cells are straightened if displacements are of first order.
 
     Raises:
         ConfigError: If there are cells of other kinds, or cells without a region.

@@ -1,4 +1,4 @@
-"""Whether a mesh file is what the annular strips of its config say."""
+"""Checks a mesh file against the annular strips of its config."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FACES = ("inner", "outer", "film_top", "film_bottom")
 
 Box = npt.NDArray[np.float64]
 
-# optional region -> the key that says whether there is one
+# optional region -> the key of `geometry` that asks for it
 _SAID_BY = {
     _TOP: "electrode_thickness",
     _BOTTOM: "electrode_thickness",
@@ -47,8 +47,8 @@ def _expected(geometry: AnnularStrips) -> dict[str, int]:
 def check(model: Any, path: str, geometry: AnnularStrips) -> None:
     """Compare the open Gmsh model with a geometry: names, kinds of cells, extents of regions.
 
-    Only extents are compared, and of electrodes and air only how far they reach in Z, so that
-    regions may have other shapes.
+    Of the film both extents are compared, of electrodes and air that in Z only: the shapes of
+    regions are free.
 
     Raises:
         ConfigError: If they differ.
@@ -107,14 +107,9 @@ def _film(got: Box, g: AnnularStrips) -> Iterator[str]:
 def _sides(g: AnnularStrips) -> Iterator[tuple[str, str, str, int, float]]:
     """Region, key, axis, lower (0) or upper (1) end, and where it must be."""
     if g.electrode_thickness > 0:
-        yield _TOP, "electrode_thickness", "Z", 1, (g.film_thickness / 2 + g.electrode_thickness)
-        yield (
-            _BOTTOM,
-            "electrode_thickness",
-            "Z",
-            0,
-            -(g.film_thickness / 2 + g.electrode_thickness),
-        )
+        reach = g.film_thickness / 2 + g.electrode_thickness
+        yield _TOP, "electrode_thickness", "Z", 1, reach
+        yield _BOTTOM, "electrode_thickness", "Z", 0, -reach
     if g.clamps is not None:
         for region in (MOUNT_BLOCK, FRAME_BLOCK):
             yield region, "clamps.height", "Z", 0, -g.clamps.height

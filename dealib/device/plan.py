@@ -27,7 +27,7 @@ class Plan:
     Attributes:
         points: Coordinates of the nodes, (nodes, 2), mm.
         cells: Nodes of each cell, (cells, 9), corners first.
-        edges: Nodes of the edges of each end, (edges, 3), the middle last.
+        edges: Nodes of the cells' edges on each named boundary, (edges, 3), the middle last.
     """
 
     points: Array
@@ -40,7 +40,7 @@ class Plan:
         return np.asarray(self.points[self.cells[:, 8]])
 
     def merged(self) -> Plan:
-        """The same with nodes at one place made one, however their coordinates are rounded."""
+        """The same plan with coinciding nodes merged, found by their distance."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
         from scipy.spatial import cKDTree
@@ -55,7 +55,7 @@ class Plan:
 
 
 def middles(lines: Array) -> Array:
-    """Grid lines with the middles between them: the nodes of second-order cells."""
+    """Coordinates of grid lines with the middles between them, as second-order cells need."""
     found = np.empty(2 * len(lines) - 1)
     found[::2], found[1::2] = lines, (lines[1:] + lines[:-1]) / 2
     return found
@@ -70,9 +70,9 @@ def tensor(
     """A mapped grid.
 
     Args:
-        x: Lines in the first direction, ascending.
-        y: In the second one.
-        mapping: From these to the plane.
+        x: Coordinates of the lines in the first direction, ascending.
+        y: The same in the second direction.
+        mapping: From these coordinates to the plane.
         sides: Names of the sides at the first and last x and at the first and last y.
     """
     a, b = np.meshgrid(middles(x), middles(y), indexing="ij")
@@ -90,7 +90,7 @@ def tensor(
 
 
 def joined(parts: list[Plan]) -> Plan:
-    """Several plans as one, nodes at one place made one."""
+    """Several plans as one, coinciding nodes merged."""
     start = np.cumsum([0, *(len(part.points) for part in parts)])
     cells = np.concatenate([part.cells + n for part, n in zip(parts, start, strict=False)])
     edges: dict[str, list[Ints]] = {}
@@ -171,7 +171,7 @@ def _turned(plan: Plan, quarters: int) -> Plan:
 
 
 def symmetric(plan: Plan, symmetry: str) -> Plan:
-    """The same with the names 'symmetry_X' and 'symmetry_Y' of its edges at X = 0 and Y = 0."""
+    """The same plan, its edges at X = 0 and Y = 0 named 'symmetry_X' and 'symmetry_Y'."""
     return bordered(plan, {f"symmetry_{axis}": ("XY".index(axis), 0.0) for axis in symmetry})
 
 
@@ -183,11 +183,11 @@ def _sides(plan: Plan) -> Ints:
 
 
 def with_circle(draft: Any, lines: list[Array]) -> Plan:
-    """A rectangle with a circle in it: the circle's plan, a square around it, and the rest.
+    """A rectangle with a circle in it: a disc, a square around it, and the rest.
 
     Args:
-        draft: What a base draws from (see `bases.Draft`); `circle` must lie inside.
-        lines: Grid lines in both directions; those near the circle give way to it.
+        draft: Circle, sectors and symmetry (see `bases.Draft`); the circle must lie inside.
+        lines: Grid lines in both directions; those near the square are left out.
     """
     *centre, radius = draft.circle
     around = SQUARE * radius
@@ -226,11 +226,11 @@ def _moved(plan: Plan, by: Array) -> Plan:
 
 
 def bordered(plan: Plan, sides: Mapping[str, tuple[int, float]]) -> Plan:
-    """The same with the names of its edges on lines of equal coordinates.
+    """The same plan with names for its edges on lines of equal coordinate.
 
     Args:
         plan: The plan.
-        sides: For each name the number of the coordinate and its value.
+        sides: For each name the number of the coordinate and its value, mm.
     """
     found, every = dict(plan.edges), _sides(plan)
     size = 1e-9 * np.abs(plan.points).max()

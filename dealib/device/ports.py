@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from dealib.device.shapes import Covered
+from dealib.device.layers import Covered
 from dealib.errors import ValueAt
 from dealib.section import Section
 from dealib.units import FlowConductance, Length, Mass, Stress
 
-_SMOOTH = 1e-6  # MPa
+_SMOOTH = 1e-6  # MPa, pressure below which the flow through an orifice is linear
 
 
 def _listed(value: object) -> object:
@@ -40,11 +40,11 @@ class Terminal(Section):
 
 
 class Mount(Section):
-    """A rigid part that moves along one axis, the others held; or that moves and turns freely.
+    """A rigid part that moves along one axis only, or (`rigid: true`) moves and turns freely.
 
-    A rigid mount PLATE has six ports, in plane strain three: the mounts PLATE.X, PLATE.Y, PLATE.Z
-    are displacements of its centre, the turns PLATE.about_X, .. a rotation vector about it; of one
-    turn alone that is its angle. All are held at zero unless a stage drives them.
+    A rigid mount PLATE has six ports, in plane strain three. The mounts PLATE.X, PLATE.Y, PLATE.Z
+    are displacements of its centre. The turns PLATE.about_X, .. are components of its rotation
+    vector about the centre. All are held at zero unless a stage drives them.
     """
 
     on: Names = Field(description="regions and boundaries that are fixed to it")
@@ -66,7 +66,7 @@ class Mount(Section):
         if self.rigid and self.free:
             raise ValueAt(("free",), "a rigid mount holds its part along all axes")
         if self.centre is not None and not self.rigid:
-            raise ValueAt(("centre",), "only of a rigid mount, which turns about it")
+            raise ValueAt(("centre",), "only for a rigid mount, which turns about it")
         return self
 
 
@@ -99,14 +99,15 @@ class Opening(Section):
         return self
 
     def inflow(self, x: float, density: float) -> tuple[float, float]:
-        """Volume a time that flows in at a pressure x in the chamber, mm^3/s, and its slope.
+        """Inflow at a pressure x in the chamber, mm^3/s, and its derivative by x.
 
-        Of an orifice: C A sqrt(2 p / density), C the discharge, A the area. Near zero, within about
-        1 Pa, it is linear, and a valve opens and closes over such a difference.
+        The inflow through an orifice is C A sqrt(2 p / density) with the discharge coefficient C
+        and the area A. It is linear for pressures below about 1 Pa; a valve opens and closes over
+        such a difference.
 
         Args:
-            x: Pressure in the chamber above that outside, MPa.
-            density: Of what flows, t/mm^3.
+            x: Pressure in the chamber relative to the outside, MPa.
+            density: Of the gas or liquid, t/mm^3.
         """
         p = self.pressure - x
         square = p * p + _SMOOTH**2
@@ -130,9 +131,9 @@ class Chamber(Section):
     on: Names = Field(description="faces of solids on which the pressure acts, towards the solid")
     along: str | None = Field(
         None,
-        description="axis of the walls that close it at the faces' rim; default that across the "
-        "layers, or Z. The pressure on these walls acts on the rim, which may move along them: of "
-        "a tube R, so that both ends are closed by rigid caps",
+        description="axis along which the walls run that close the chamber at the rim of its "
+        "faces, and along which the rim may move; default the axis across the layers (for a tube "
+        "R: rigid caps close both ends), or Z",
     )
     openings: dict[str, Opening] | None = Field(
         None, description="openings through which gas or liquid flows, by name"

@@ -1,4 +1,4 @@
-"""What a device is made of: regions, what holds them, and ports through which it is driven."""
+"""The records of a device: regions, supports, and the ports through which it is driven."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Variable:
 
 @dataclass(frozen=True)
 class PortKind:
-    """One way to drive a device: a value, and what is dual to it in the work.
+    """One way to drive a device: a value and its work-conjugate dual.
 
     Attributes:
         name: In the config and in messages.
@@ -51,7 +51,7 @@ class PortKind:
 
     @property
     def variables(self) -> tuple[Variable, Variable]:
-        """Both."""
+        """Primal and dual."""
         return self.primal, self.dual
 
 
@@ -83,16 +83,16 @@ class Port:
     """One port of a device.
 
     Attributes:
-        kind: What it is.
+        kind: Its kind.
         name: Its name.
-        on: Regions and boundaries that it takes hold of.
-        suffix: Of its columns: '.NAME' where a device has several of its kind.
+        on: Regions and boundaries that belong to it.
+        suffix: Suffix of its columns: '.NAME' where a device has several ports of its kind.
         along: Axis of a mount's motion, of a turn, or of a chamber's walls.
-        mass: Of a rigid mount, kg.
-        floating: Whether it is a conductor that nothing is connected to: without charge.
-        rigid: Name of the rigid mount that it belongs to, if it does.
-        centre: Of that, mm; empty: the middle of the box around it.
-        openings: Of a chamber, with their names (see `device.ports.Opening`).
+        mass: Mass of a mount, kg.
+        floating: Whether it is a conductor without charge that is connected to nothing.
+        rigid: Name of the rigid mount that it belongs to; empty if it belongs to none.
+        centre: Centre of the rigid mount, mm; empty: the middle of the box around it.
+        openings: Openings of a chamber with their names (see `device.ports.Opening`).
     """
 
     kind: PortKind
@@ -141,13 +141,13 @@ def air(name: str = AIR) -> Region:
 
 @dataclass(frozen=True)
 class Support:
-    """All unknowns of one quantity on a named region or boundary follow a target.
+    """Prescribes all degrees of freedom of one quantity on a named region or boundary.
 
     Attributes:
-        quantity: Displacement by its axis, such as 'Z', or `PHI`.
+        quantity: Axis of a displacement, such as 'Z', or `PHI`.
         where: Name of the region or boundary.
         port: Name of the port whose value they take, or of a rigid mount; empty: they are zero.
-        kind: Its kind, or `RIGID`.
+        kind: Name of the port's kind, or `RIGID`.
     """
 
     quantity: str
@@ -158,15 +158,15 @@ class Support:
 
 @dataclass(frozen=True)
 class Sizes:
-    """Characteristic sizes, which residuals and path lengths are compared with.
+    """Characteristic sizes, with which residuals and path lengths are compared.
 
     Attributes:
-        thickness: Of the film, mm.
+        thickness: Thickness of the film, mm.
         span: Length along which it is stretched, mm.
-        width: Of the cross-section that carries the force, mm.
-        area: Of the electrodes, mm^2.
-        around: Area over which air is moved for a unit height, mm.
-        height: Of the air, mm; 0 without.
+        width: Width of the cross-section that carries the force, mm.
+        area: Area of the electrodes, mm^2.
+        around: Length of the outer edge, along which the air ends, mm.
+        height: Height of the air, mm; 0 without air.
     """
 
     thickness: float
@@ -178,5 +178,5 @@ class Sizes:
 
     @property
     def volume(self) -> float:
-        """Of the film, mm^3."""
+        """Volume of the film, mm^3."""
         return self.area * self.thickness

@@ -1,26 +1,22 @@
-"""Shapes of devices in the config: each says what laminate or mesh it stands for."""
+"""Shapes of devices in the config: each one gives a laminate, or names a mesh file."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias, Union
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from dealib.device.bases import Annulus, AnyBase, Base, Rectangle, check_radii, check_thickness
+from dealib.device.bases import Annulus, AnyBase, Rectangle, check_radii, check_thickness
 from dealib.device.kinematics import SPACES, Kinematics
-from dealib.device.laminate import Blocks, Laminate, Layer, Part
-from dealib.device.plan import SQUARE
+from dealib.device.laminate import Blocks, Laminate, Layer
+from dealib.device.layers import AnyLayer, LayerSection, Repeat
+from dealib.device.part import Part
 from dealib.errors import ValueAt
 from dealib.section import Section
 from dealib.units import Length, factor
 
 Conducts = Callable[[str], bool]  # whether a material is a conductor
-Path_: TypeAlias = tuple[str | int, ...]
-if TYPE_CHECKING:
-    Span: TypeAlias = tuple[float, float]
-else:
-    Span = tuple[Length, Length]
 
 
 class Clamps(Section):
@@ -49,7 +45,7 @@ class AnnularStrips(Section):
     clamps: Clamps | None = Field(None, description="rigid blocks: the mount and the frame")
 
     def laminate(self, conducts: Conducts) -> Laminate:
-        """The laminate that it is short for."""
+        """The laminate that it describes."""
         base = Annulus.model_construct(
             kind="annulus", inner_radius=self.inner_radius, outer_radius=self.outer_radius
         )
@@ -96,118 +92,6 @@ def check_air(height: float, solid: float) -> None:
 
 
 # --- laminates -----------------------------------------------------------------------------------
-
-
-class Within(Section):
-    """A part of the base: [from, to] along it; by axes; or a circle."""
-
-    along: Span | None = Field(None, description="[from, to] along the base")
-    R: Span | None = Field(None, description="the same, by the name of the axis")
-    X: Span | None = Field(None, description="the same")
-    Y: Span | None = Field(None, description="the same, across it")
-    Z: Span | None = Field(None, description="the same, of a tube")
-    centre: tuple[Length, Length] | None = Field(
-        None, description="centre of a circle; default 0, 0"
-    )
-    radius: Length | None = Field(None, gt=0, description="radius of a circle on a rectangle")
-
-    def part(self, base: Base, solid: bool, where: Path_) -> Part:
-        """The part of a base.
-
-        Raises:
-            ValueAt: If it does not lie on it.
-        """
-        axes = {base.along: base.limits}
-        if solid and base.along == "X":
-            axes["Y"] = (-base.girth / 2, base.girth / 2)
-        spans = {base.along: self.along} if self.along is not None else {}
-        spans |= {a: getattr(self, a) for a in "RXYZ" if getattr(self, a) is not None}
-        for axis, (a, b) in spans.items():
-            if axis not in axes:
-                known = ", ".join(axes)
-                raise ValueAt(where, f"the base has no axis {axis}; it has {known}")
-            low, high = axes[axis]
-            if not low <= a < b <= high:
-                raise ValueAt(
-                    where,
-                    f"{a:g} to {b:g} mm is no part of the base, which goes from {low:g} to "
-                    f"{high:g} mm along {axis}",
-                )
-        if self.radius is None:
-            if not spans or self.centre is not None:
-                raise ValueAt(where, "expected [from, to], or a circle's centre and radius")
-            return Part(spans)
-        if not isinstance(base, Rectangle) or spans:
-            raise ValueAt((*where, "radius"), "circles lie on a rectangle, and alone")
-        x, y = self.centre or (0.0, 0.0)
-        reach = SQUARE * self.radius
-        if abs(x) + reach >= base.length / 2 or abs(y) + reach >= base.width / 2:
-            raise ValueAt(
-                (*where, "radius"),
-                f"the circle is too near to the rectangle's sides: {reach:g} mm from its centre "
-                "must be free",
-            )
-        return Part(circle=(x, y, self.radius))
-
-
-def _along(given: object) -> object:
-    return {"along": given} if isinstance(given, (list, tuple)) else given
-
-
-if TYPE_CHECKING:
-    Covered: TypeAlias = Within
-else:
-    Covered = Annotated[Within, BeforeValidator(_along, json_schema_input_type=Within | Span)]
-
-
-class LayerSection(Section):
-    """One layer."""
-
-    name: str = Field(
-        pattern=r"^[A-Za-z_][\w-]*$", description="name of the layer; its region is called the same"
-    )
-    thickness: Length = Field(gt=0, description="thickness as mounted, that is pre-stretched")
-    material: str | None = Field(None, description="key of `materials`; default: its name")
-    rows: int | None = Field(
-        None,
-        ge=1,
-        le=1000,
-        description="cells through the thickness; default mesh.film_rows or electrode_rows",
-    )
-    within: Covered | None = Field(
-        None, description="part of the base that it covers, such as [from, to]; default all of it"
-    )
-
-
-class Repeat(Section):
-    """The same layers again and again; their names get .1, .2 and so on."""
-
-    repeat: int = Field(ge=1, le=1000, description="number of repetitions")
-    layers: tuple[LayerSection, ...] = Field(
-        min_length=1, description="layers of one repetition, from the bottom up"
-    )
-
-
-def _form(given: object) -> str:
-    """Which of both an item of a list of layers is."""
-    many = isinstance(given, dict) and not {"repeat", "layers"}.isdisjoint(given)
-    return "repeated" if many or isinstance(given, Repeat) else "single"
-
-
-if TYPE_CHECKING:
-    AnyLayer: TypeAlias = LayerSection | Repeat
-else:
-    AnyLayer = Annotated[
-        Annotated[LayerSection, Tag("single")] | Annotated[Repeat, Tag("repeated")],
-        Discriminator(_form),
-    ]
-
-
-def _overlap(one: Part, other: Part) -> bool:
-    """Whether two parts may have some of the base in common; of circles yes."""
-    common = set(one.spans) & set(other.spans)
-    pairs = [(one.spans[axis], other.spans[axis]) for axis in common]
-    return all(a[0] < b[1] and b[0] < a[1] for a, b in pairs)
 
 
 class LaminateShape(Section):
@@ -274,7 +158,7 @@ class LaminateShape(Section):
                 part = None
                 if layer.within is not None:
                     part = layer.within.part(self.base, self.solid, ("layers", k, "within"))
-                if part is not None and below is not None and not _overlap(below[1], part):
+                if part is not None and below is not None and not below[1].overlaps(part):
                     problem = f"{layer.name!r} lies on nothing: it and {below[0]!r}, the layer "
                     raise ValueAt(("layers", k, "within"), problem + "below, do not overlap")
                 below = None if part is None else (layer.name, part)

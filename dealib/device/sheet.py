@@ -1,4 +1,4 @@
-"""The middle surface of a laminate as a mesh in Gmsh, its cells by what lies on them."""
+"""The middle surface of a laminate as a mesh in Gmsh, its cells grouped by layers and faces."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def build(gmsh: Any, laminate: Laminate, mesh: Any) -> None:
 
 
 def _areas(laminate: Laminate, at: dict[str, Array]) -> dict[str, Any]:
-    """Masks of cells by all names of what lies on them."""
+    """Masks of cells, by the joined names of all layers and faces on them."""
     count = len(next(iter(at.values())))
     names: list[list[str]] = [[] for _ in range(count)]
     every = np.ones(count, dtype=bool)

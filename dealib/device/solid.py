@@ -1,4 +1,4 @@
-"""Laminates in three dimensions: hexahedra that are stacked on the plan of their base, in Gmsh."""
+"""Meshes laminates in three dimensions: hexahedra stacked on the plan of the base, in Gmsh."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from dealib.device.records import AIR
 
 Ints = npt.NDArray[np.int64]
 
-# Gmsh's hexahedron of second order: for each node that of the plan's quadrilateral and the level
+# nodes of Gmsh's second-order hexahedron: node of the plan's quadrilateral, and level
 _HEXAHEDRON = [
     *((0, 0), (1, 0), (2, 0), (3, 0), (0, 2), (1, 2), (2, 2), (3, 2)),
     *((4, 0), (7, 0), (0, 1), (5, 0), (1, 1), (6, 0), (2, 1), (3, 1)),
     *((4, 2), (7, 2), (5, 2), (6, 2), (8, 0), (4, 1), (7, 1), (5, 1), (6, 1), (8, 2), (8, 1)),
 ]
-# its quadrilateral on the side of an edge (two ends, middle)
+# nodes of its side on an edge of the plan: node of the edge (two ends, middle), and level
 _SIDE = [(0, 0), (1, 0), (1, 2), (0, 2), (2, 0), (1, 1), (2, 2), (0, 1), (2, 1)]
 _TYPES = {(3, 2): (12, 27), (3, 1): (5, 8), (2, 2): (10, 9), (2, 1): (3, 4)}  # Gmsh's, and nodes
 
 
 @dataclass(frozen=True)
 class LaminateDraft:
-    """What the plan of a laminate is drawn from (see `bases.Draft`).
+    """What the plan of a laminate is made from (see `bases.Draft`).
 
     Attributes:
         laminate: The laminate.
@@ -177,7 +177,7 @@ class _Stack:
         """Quadrilaterals on the sides of layers, and of the air, at edges of the plan."""
         a, b = self.plan.points[edges[:, 0]], self.plan.points[edges[:, 1]]
         x, y = ((a + b) / 2).T
-        inwards = 1 - 1e-6  # a span that ends there covers it
+        inwards = 1 - 1e-6  # a hair inside, so that a part that ends at the edge covers it
         at = {"X": x * inwards, "Y": y * inwards, "R": np.hypot(x, y) * inwards}
         if "inner" in name:
             at["R"] = np.hypot(x, y) / inwards
@@ -193,5 +193,12 @@ class _Stack:
 
 
 def _nodes(cells: Ints, pattern: list[tuple[int, int]], level: int, count: int) -> Ints:
-    """Nodes of cells of the stack by those of the plan."""
+    """Nodes of the stack's cells from nodes of the plan, a pattern and a level.
+
+    Args:
+        cells: Nodes in the plan, (cells, nodes).
+        pattern: Node in the plan and level of each node of a cell.
+        level: Of the cells' lower nodes.
+        count: Nodes in the plan.
+    """
     return np.stack([cells[:, p] + (level + k) * count for p, k in pattern], axis=1)

@@ -1,4 +1,4 @@
-"""Whether the cells of a mesh file fit together: what does not makes dolfinx crash, or lie."""
+"""Checks that the cells of a mesh file fit together; dolfinx crashes or errs if they do not."""
 
 from __future__ import annotations
 
@@ -41,10 +41,14 @@ _MIRRORED = {4: [0, 2, 1, 3], 8: [0, 3, 2, 1, 4, 7, 6, 5]}
 
 
 def sound_mesh(path: Path, dim: int) -> None:
-    """Read a mesh file.
+    """Read a mesh file and check it.
+
+    Args:
+        path: The file.
+        dim: Dimension of its cells.
 
     Raises:
-        ConfigError: If it is none, is damaged, or its cells do not fit together.
+        ConfigError: If it is not a mesh, is damaged, or its cells do not fit together.
     """
     if problem := fault(read(path), dim):
         raise ConfigError(f"{path}: {problem}")
@@ -66,11 +70,12 @@ def fault(mesh: MeshFile, dim: int = 2) -> str:
     used = np.unique(np.concatenate([nodes.ravel() for nodes, _ in kinds]))
     places, counts = np.unique(points[used].round(9), axis=0, return_counts=True)
     if (counts > 1).any():
-        return f"several nodes are {_at(places[counts > 1][0])}: what meets there is not connected"
+        place = _at(places[counts > 1][0])
+        return f"several nodes are {place}: the cells there are not connected; merge the nodes"
     for nodes, corners in kinds:
         x = points[corners]
         sizes = _turns(x) if dim == 2 else _volumes(x)
-        # all turn one way, whichever: cells may be numbered either way round
+        # the corners of a cell must all turn the same way, clockwise or not
         flat = np.flatnonzero((sizes * np.sign(sizes.sum(axis=1, keepdims=True)) <= 0).any(axis=1))
         if len(flat):
             return f"the cell {_at(x[flat[0]].mean(axis=0))} is flat or folded"
@@ -83,7 +88,7 @@ def fault(mesh: MeshFile, dim: int = 2) -> str:
 
 
 def _off_middle(x: Array, sides: Ints) -> Array:
-    """Middle nodes that are so far from the middle between their ends that the side turns back.
+    """Middle nodes so far from the middle between their ends that the side folds back.
 
     Args:
         x: Nodes of the cells, (cells, nodes, dim).
@@ -97,7 +102,8 @@ def _off_middle(x: Array, sides: Ints) -> Array:
 
 
 def _overlap(mesh: MeshFile, points: Array, cells: list[Ints]) -> str:
-    edges = np.concatenate([_edges(nodes) for nodes in cells])  # two cells run along one both ways
+    # two cells that share an edge run along it in opposite directions
+    edges = np.concatenate([_edges(nodes) for nodes in cells])
     found, counts = np.unique(edges, axis=0, return_counts=True)
     if (counts > 1).any():
         return f"cells overlap {_at(points[found[counts > 1][0]].mean(axis=0))}"
@@ -122,7 +128,7 @@ def _overlap_of_solids(points: Array, cells: list[Ints]) -> str:
 
 
 def _faces(nodes: Ints) -> Ints:
-    """Faces of solid cells, seen from outside counter-clockwise, from their first node on."""
+    """Faces of solid cells, counter-clockwise from outside, beginning with the lowest node."""
     outwards = _OUTWARDS[nodes.shape[1]]
     faces = nodes[:, outwards].reshape(-1, outwards.shape[1])
     turn = faces.argmin(axis=1)[:, None] + np.arange(faces.shape[1])
@@ -130,7 +136,7 @@ def _faces(nodes: Ints) -> Ints:
 
 
 def _volumes(corners: Array) -> Array:
-    """Six volumes of a tetrahedron, or of a hexahedron at each corner, (cells, 1 or 8)."""
+    """Six times the volume of a tetrahedron, or of that at each corner, (cells, 1 or 8)."""
     frames = _HEXAHEDRON if corners.shape[1] == 8 else np.array([[0, 1, 2, 3]])
     x = corners[:, frames]  # a corner, and its neighbours as a right-handed frame
     return np.asarray(np.linalg.det(x[:, :, 1:] - x[:, :, :1]))

@@ -1,15 +1,16 @@
-"""Networks beside a law as energies: the potentials of Maxwell branches over a time step.
+"""Incremental potentials of networks: Maxwell branches over a time step, and permanent set.
 
-A time step of a branch ends at C_i = unimodular(H + w C), H and w fixed at its start
-(`evolution.Multiplicative`). It is the minimum over unimodular C_i of G/2 tr((C + H/w) C_i^-1),
+A time step of a branch ends at C_i = unimodular(H + w C), with H and w fixed at its start (see
+`evolution.Multiplicative`). This C_i minimises G/2 tr((C + H/w) C_i^-1) over unimodular tensors;
+the minimum,
 
-    3 G / (2 w) det(H + w C)^(1/3).
+    3 G / (2 w) det(H + w C)^(1/3),
 
-Its derivative in C is G/2 C_i^-1, the branch's stress. A transient network ends at
-C_i^-1 = H + w C^-1, where the term in C^-1 is a pressure: its potential is G/2 tr(H C). So one
-potential stands behind each step, no unknown is added, and the tangent is symmetric. Of the network
-of a permanent set, whose clock is the law's energy, H is C_i^-1 at the state that the residual is
-taken at; what it changes with that state is left out of the tangent.
+is the branch's potential: its derivative by C is G/2 C_i^-1, the branch's stress. A transient
+network ends at C_i^-1 = H + w C^-1, where the term in C^-1 is a pressure; its potential is
+G/2 tr(H C). So no unknown is added, and the tangent is symmetric. For the network of a permanent
+set, whose clock is the law's energy, H is C_i^-1 at the state of the residual; the derivative of H
+by that state is left out of the tangent.
 """
 
 from __future__ import annotations
@@ -28,11 +29,11 @@ from dealib.materials.evolution import INDICES
 
 
 def step_terms(mesh: Any, degree: int, branches: int, size: int) -> Any:
-    """A function that holds H and w of all branches at the quadrature points: relaxed ones.
+    """A function for H and w of all branches at the quadrature points, with relaxed branches.
 
     Args:
         mesh: The mesh.
-        degree: Of the quadrature.
+        degree: Quadrature degree.
         branches: Number of branches.
         size: Number of packed components of H (see `materials.evolution`).
     """
@@ -48,10 +49,10 @@ class NetworkStep:
 
     Attributes:
         solid: The solid that it belongs to.
-        modulus: Its shear modulus, as a constant.
-        evolution: Of its internal metric.
+        modulus: Its shear modulus, MPa, as a constant.
+        evolution: Name of the evolution of its internal metric.
         terms: The function of `step_terms`.
-        index: Its number.
+        index: Number of the network in `terms`.
         size: Number of packed components.
     """
 
@@ -72,7 +73,7 @@ class NetworkStep:
         return self.terms[(self.size + 1) * self.index + self.size]
 
     def scalars(self, point: Point) -> Scalars:
-        """See `Energy`: det F, H : C, and of another evolution cof(H) : C and H : cof(C)."""
+        """See `Energy`: det F and H : C; or det F, cof(H) : C, H : cof(C) and det H."""
         first = (self.size + 1) * self.index
         known = {INDICES[k]: self.terms[first + k] for k in range(self.size)}
         H = ufl.as_matrix(
@@ -97,7 +98,7 @@ class NetworkStep:
 
 
 def _mixed(A: Any, B: Any) -> Any:
-    """Cof(A) : B of symmetric matrices: what is linear in B of det(A + B)."""
+    """Cof(A) : B of symmetric matrices, the part of det(A + B) that is linear in B."""
     trace = ufl.tr(A)
     square = A * A
     return ufl.inner(square - trace * A, B) + (trace**2 - ufl.tr(square)) / 2 * ufl.tr(B)
@@ -106,7 +107,15 @@ def _mixed(A: Any, B: Any) -> Any:
 def network_steps(
     solid: Hyperelastic, networks: tuple[Network, ...], terms: Any, size: int, first: int = 0
 ) -> list[Energy]:
-    """The potentials of a solid's networks, which are those from a first one in the terms."""
+    """The potentials of a solid's networks.
+
+    Args:
+        solid: The solid.
+        networks: Their parameters.
+        terms: The function of `step_terms`.
+        size: Number of packed components.
+        first: Number of the first network in `terms`.
+    """
     if not networks:
         return []
     mesh = terms.function_space.mesh

@@ -18,9 +18,9 @@ from dealib.fem.energies import Point
 class ChamberPressure:
     """The potential of the pressure P on one face: -P times the displaced volume.
 
-    That volume is the flux of a field of divergence 1 along an axis, z e_Z or (r/2) e_R, through
-    the face. It leaves out walls along that axis, which close the chamber at the rim of the face:
-    the pressure on them acts on the rim, but does no work where the rim moves along the axis.
+    The volume is the flux through the face of a vector field of divergence 1 along an axis, z e_Z
+    or (r/2) e_R. Walls parallel to that axis, which close the chamber at the rim of the face, do
+    not contribute: the pressure on them does no work where the rim moves along the axis.
 
     Attributes:
         on: The boundary.
@@ -53,8 +53,8 @@ def chamber_energies(domain: Domain, port: Port, pressure: Any) -> list[ChamberP
         if _between_solids(domain, name):
             raise ValueAt(
                 ("chambers", port.name, "on"),
-                f"the face {name!r} lies between two solids, where there is no room; choose a face "
-                "of the outer surface",
+                f"the face {name!r} lies between two solids, so that no chamber can be there; "
+                "choose a face of the outer surface",
             )
     axis = kinematics.axes.index(port.along)
     return [ChamberPressure(name, pressure, axis, kinematics) for name in port.on]

@@ -1,13 +1,13 @@
-"""Electrodes that charge through their resistance: their potential diffuses from the contact on.
+"""Electrodes that charge through their resistance, so that the potential diffuses in them.
 
-The charge Q of a point of an electrode changes by what flows to it, dQ/dt = -G phi with the
+The charge Q at a point of an electrode changes by the current to it, dQ/dt = -G phi, with the
 conductances G of `fem.electrodes`. A step is of second order and stiffly stable (BDF2; the first
-one after rest is implicit Euler):
+step after rest is implicit Euler):
 
     Q' - Q* + h G phi' = 0,
 
-Q* and h fixed at its start, and G too. So it adds -h/2 phi.G phi to the potential, which stays
-symmetric, and the electrodes' charges Q* as loads.
+with Q*, h and G fixed at its start. It adds -h/2 phi.G phi to the potential, so that the tangent
+stays symmetric, and the charges Q* as loads.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from dealib.fem.layout import Layout
 from dealib.fem.potential import Problem
 
 Array = npt.NDArray[np.float64]
-_LONG = 1e6  # s
-_LEAST = 1e-3  # of the flat film's charge at 1 kV
+_LONG = 1e6  # s, in which any electrode is fully charged
+_LEAST = 1e-3  # smallest charge with which errors are compared, of the flat film's at 1 kV
 
 
 class Charging:
@@ -56,7 +56,7 @@ class Charging:
         matrix.setLGMap(map_.lgmap(map_.physical), map_.lgmap(map_.columns))
         fem_petsc.assemble_matrix(matrix, self._problem.form("conductance"))
 
-    # --- what it adds to the equations -----------------------------------------------------------
+    # --- contributions to the equations ----------------------------------------------------------
 
     def _conductance(self, like: Any) -> Any:
         if self._matrix is None:
@@ -67,10 +67,10 @@ class Charging:
         return self._matrix
 
     def add(self, out: Any, q: Any, like: Any) -> None:
-        """Add to a reduced residual, which holds the slopes of the potential.
+        """Add its contribution to a reduced residual.
 
         Args:
-            out: The residual.
+            out: The residual of the potential.
             q: The reduced unknowns.
             like: A matrix with the tangent's pattern.
         """
@@ -83,13 +83,13 @@ class Charging:
         out.array[:] += self._load - self._h * flow.array_r
 
     def add_tangent(self, matrix: Any) -> None:
-        """Add its derivative."""
+        """Add the derivative of that contribution to a tangent."""
         same = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
         matrix.axpy(-self._h, self._conductance(matrix), structure=same)
 
     @contextmanager
     def at_once(self) -> Iterator[None]:
-        """As if the electrodes had charged for long."""
+        """A context in which the electrodes are fully charged."""
         kept = self._h, self._load
         self._h, self._load = _LONG, np.zeros_like(self._load)
         try:
@@ -100,12 +100,12 @@ class Charging:
     # --- steps -----------------------------------------------------------------------------------
 
     def rest(self) -> None:
-        """Take the present charges as those of rest."""
+        """Take the current charges as an equilibrium without currents."""
         self._charges, self._flow, self._power = self._now, np.zeros_like(self._now), 0.0
         self._step = self._before = 0.0
 
     def begin(self, duration: float) -> None:
-        """Prepare a step from the last accepted state, in s (collective)."""
+        """Prepare a step of a duration in s from the last accepted state (collective)."""
         self._step, w = duration, duration / self._before if self._before else 0.0
         whole = (1 + 2 * w) / (1 + w)
         star = ((1 + w) * self._charges - w**2 / (1 + w) * self._earlier) / whole
@@ -117,7 +117,7 @@ class Charging:
         self._balance_ports()
 
     def _balance_ports(self) -> None:
-        """What the terminals supply is all charge of their electrodes: loads sum up to zero."""
+        """Subtract each electrode's charge from its terminal's load, so that loads sum to zero."""
         map_, load = self._map, self._load.copy()
         ports = list(map_.ports)
         for name, mine in self._electrodes.items():
@@ -127,9 +127,10 @@ class Charging:
         self._load = load
 
     def error(self) -> float:
-        """Error of the charges in the step just solved over the largest so far (collective).
+        """Error of the charges in the last step over the largest charge so far (collective).
 
-        2/9 of h^3 times the third derivative (BDF2), which is that of the cubic through both ends.
+        The error of BDF2 is 2/9 h^3 d3Q/dt3; the derivative is that of the cubic through both ends
+        and their rates.
         """
         ends = 12 * (self._charges - self._now) - 6 * self._step * (self._flow + self._flow_now)
         return self._total(2 / 9 * ends) / self._largest_now()
@@ -143,7 +144,7 @@ class Charging:
 
     @contextmanager
     def tentative(self) -> Iterator[None]:
-        """Accept the current state for a while, to look at it (collective)."""
+        """A context in which the current state is accepted tentatively (collective)."""
         names = ("lost", "_largest", "_earlier", "_charges", "_flow", "_power", "_before")
         kept = {name: getattr(self, name) for name in names}
         self.commit()
@@ -162,7 +163,7 @@ class Charging:
 
     @cached_property
     def _electrodes(self) -> dict[str, Any]:
-        """Numbers of this rank's free potentials on the electrodes of each terminal, and ground."""
+        """This rank's free potentials on the electrodes, by terminal; '' for ground."""
         found: dict[str, Any] = {}
         map_ = self._map
         first = sum(map_.comm.allgather(map_.owned)[: map_.comm.rank])
@@ -179,9 +180,9 @@ class Charging:
     # --- checkpoints -----------------------------------------------------------------------------
 
     def gather(self, layout: Layout) -> Array | None:
-        """Charges, those before, and flows, at the nodes of the whole mesh on rank 0 (collective).
+        """Nodal charges, earlier charges and currents, (3, nodes), on rank 0 (collective).
 
-        Shape (3, nodes). The problem's state is another one afterwards.
+        It overwrites the problem's state.
         """
         found = []
         for values in (self._charges, self._earlier, self._flow):
@@ -194,11 +195,11 @@ class Charging:
         return np.array(found) if found else None
 
     def plain(self) -> dict[str, Any]:
-        """What else a checkpoint holds."""
+        """Plain values for a checkpoint."""
         return {"before": self._before, "power": self._power, "largest": self._largest}
 
     def restore(self, layout: Layout, gathered: Array | None, plain: dict[str, Any]) -> None:
-        """Inverse of both (collective). The problem's state is another one afterwards."""
+        """Inverse of `gather` and `plain` (collective). It overwrites the problem's state."""
         found, dim = [], self._problem.kinematics.dim
         for k in range(3):
             nodal = None

@@ -1,6 +1,6 @@
-"""Resistive electrodes: potentials of their own, held at the contact alone, and conductances.
+"""Resistive electrodes in small-signal spectra: the system with their potentials as unknowns.
 
-Of small-signal spectra (see `fem.charging` for charging in time).
+Their potential is prescribed at the contact only. See `fem.charging` for charging in time.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dealib.fem.system import System, Timings
 
 
 def resolved(system: System) -> System:
-    """The same state, the potential free along the electrodes up to their contact (collective).
+    """The same state with the potential of electrodes free except at the contact (collective).
 
     Raises:
         ValueAt: If an electrode does not reach the contact.
@@ -31,7 +31,7 @@ def resolved(system: System) -> System:
 
 
 def conductance(system: System) -> Any:
-    """Conductances between the unknowns of such a system, 1/Gohm (collective)."""
+    """Conductances between the unknowns of such a system as a matrix, 1/Gohm (collective)."""
     problem, map_ = system.problem, system.map
     form = problem.form("conductance")
 

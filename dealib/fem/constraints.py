@@ -1,8 +1,8 @@
 """The constraint map w = T q: free unknowns, ports and fixed degrees of freedom.
 
-Every degree of freedom follows one free unknown, one port, or nothing (it stays zero). The map is
-the local-to-global map of the reduced matrix, so that dolfinx assembles straight into the reduced
-system: PETSc drops negative indices and adds up tied rows.
+Every degree of freedom equals a free unknown or the value of a port, or is zero; those of a rigid
+mount depend on several ports. The map is the local-to-global map of the reduced matrix, so that
+dolfinx assembles straight into the reduced system: PETSc drops negative indices and sums tied rows.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from dealib.results.elements import Cell
 
 FIELDS = ("displacement", "potential", "air mesh", "pressure")
 _FREE, _ZERO, _FIRST_PORT = 0, 1, 2
-_FIRST_RIGID = -1  # and below: rigid mounts
+_FIRST_RIGID = -1  # the first rigid mount; others are below
 
 Ints = npt.NDArray[np.int32]
 
@@ -40,14 +40,14 @@ class ConstraintMap:
         comm: MPI communicator.
         columns: Reduced index of each local degree of freedom (ghosts included), -1 if fixed.
         physical: Reduced row of each local degree of freedom for the physical energies.
-        mesh_rows: The same for the air's fictitious elasticity (one-way): rows of displacements
-            that touch no solid.
+        mesh_rows: The same for the air's fictitious elasticity, which acts on displacements that
+            belong to air alone.
         field: Index into `FIELDS` of each owned free unknown.
         ports: Global reduced index of each port.
         free: Local degrees of freedom of the free unknowns, in order.
         platforms: Rigid mounts, whose degrees of freedom have no column.
-        owned: Number of reduced unknowns on this rank; the ports are the last of rank 0.
-        contacted: Parts of which a degree of freedom of the potential on this rank is held.
+        owned: Number of reduced unknowns on this rank; the ports are the last ones of rank 0.
+        contacted: Electrodes that have a prescribed potential at the contact, on this rank.
     """
 
     comm: MPI.Comm
@@ -68,7 +68,7 @@ class ConstraintMap:
         Args:
             q: The reduced vector.
             w: The function.
-            at: Of a rate or a mode: values of the ports in the state that it is of.
+            at: If q is a rate or a mode, the values of the ports in its state.
         """
         ports = self.port_values(q)
         w.x.array[self.free] = q.array_r[: len(self.free)]
@@ -89,7 +89,7 @@ class ConstraintMap:
         Args:
             w: The function.
             q: The reduced vector.
-            ports: Values of ports that no degree of freedom follows.
+            ports: Values of ports without degrees of freedom, such as pressures.
         """
         q.array[: len(self.free)] = w.x.array[self.free]
         mine = {n: float(w.x.array[d[0]]) for n, d in self._port_of.items() if len(d)}
@@ -131,7 +131,7 @@ def build(domain: Domain, spaces: Spaces, contact: str | None = None) -> Constra
     Args:
         domain: The mesh.
         spaces: The spaces on it.
-        contact: Hold the potential of electrodes on this boundary alone.
+        contact: Boundary on which alone the potential of electrodes is prescribed.
 
     Raises:
         ValueAt: If two terminals touch.
@@ -211,7 +211,7 @@ def build(domain: Domain, spaces: Spaces, contact: str | None = None) -> Constra
 
 
 def _platform(domain: Domain, spaces: Spaces, name: str, mine: Any) -> Platform:
-    """A rigid mount of some local degrees of freedom (collective)."""
+    """The rigid mount of a name; `mine` masks its local degrees of freedom (collective)."""
     kinematics, W = domain.device.kinematics, spaces.W
     ports = [port for port in domain.device.ports if port.rigid == name]
     cell = Cell(compat.cell_name(domain.mesh), spaces.order)
@@ -248,7 +248,7 @@ def _platform(domain: Domain, spaces: Spaces, name: str, mine: Any) -> Platform:
 
 
 def support_dofs(domain: Domain, spaces: Spaces, support: Support) -> Ints:
-    """Local degrees of freedom that a support holds, ghosts included."""
+    """Local degrees of freedom that a support prescribes, ghosts included."""
     axes = domain.device.kinematics.axes
     path = (1,) if support.quantity == PHI else (0, axes.index(support.quantity))
     if not domain.has(support.where):
@@ -257,7 +257,7 @@ def support_dofs(domain: Domain, spaces: Spaces, support: Support) -> Ints:
 
 
 def _on_axis(domain: Domain, spaces: Spaces) -> Ints:
-    """Radial displacements on the axis of revolution, where there are none."""
+    """Degrees of freedom of the radial displacement on the axis, where it is zero."""
     near, dim = 1e-9 * domain.sizes.span, domain.dim - 1
     facets = dmesh.locate_entities_boundary(domain.mesh, dim, lambda x: np.abs(x[0]) < near)
     return _dofs(spaces.W, (0, 0), dim, facets)
@@ -280,7 +280,7 @@ def _dofs(W: Any, path: tuple[int, ...], dim: int, entities: Ints) -> Ints:
 
 
 def _owners_decide(W: Any, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Overwrite ghost entries with their owners' (floats carry the integers exactly)."""
+    """Overwrite ghost entries by their owners'; the integers are exact as floats."""
     carrier = fem.Function(W)
     carrier.x.array[:] = values
     carrier.x.scatter_forward()

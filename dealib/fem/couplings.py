@@ -1,9 +1,8 @@
 """How the electric field loads the body: each coupling gives the residual of the whole problem.
 
-`energy` is the derivative of one potential. The others are those of the thesis (section 3.2.3),
-for comparison: phi still solves the electrostatic problem on the deformed body, but the load that
-it puts on the body is written down, so that no potential stands behind it and the tangent is not
-symmetric.
+`energy` is the derivative of one potential. The others are those of the thesis (section 3.2.3), for
+comparison: phi solves the electrostatic problem on the deformed body, and the load on the body is
+prescribed as a function of the field. It has no potential, so that the tangent is not symmetric.
 """
 
 from __future__ import annotations
@@ -15,11 +14,11 @@ import ufl
 
 from dealib.fem.energies import Energy, IdealDielectric, Point
 
-FILM, FACES = "film", ("film_top", "film_bottom")  # of annular strips, for which alone loads are
+FILM, FACES = "film", ("film_top", "film_bottom")  # of annular strips; loads work for them only
 
 
 class Body(Protocol):
-    """What couplings need to know of a problem."""
+    """The part of a problem that couplings use."""
 
     @property
     def point(self) -> Point:
@@ -70,7 +69,7 @@ class Coupling(Protocol):
 
 
 class Load(Protocol):
-    """What the field does to the body where no energy says it."""
+    """A load of the field on the body that is not derived from an energy."""
 
     def __call__(self, problem: Body, v: Any) -> Any:
         """Its virtual work at a virtual displacement v = (v_R, v_Z)."""
@@ -89,7 +88,7 @@ class OnePotential:
 
 @dataclass(frozen=True)
 class Loaded:
-    """Body and field each have their energy, and the field loads the body.
+    """Body and field have separate energies, and the field loads the body.
 
     Attributes:
         load: The load.
@@ -123,19 +122,19 @@ def maxwell_traction(problem: Body, v: Any) -> Any:
 def pelrine(problem: Body, v: Any) -> Any:
     """Pelrine's pressure p = eps (V/d)^2 across the film (thesis, section 2.4.2).
 
-    The stress -p along the field, -eps e (x) e with |e| = V/d: the pressure p on both faces, with
-    equal and opposite forces on facing patches of the electrodes, as between charges. (A follower
-    pressure on each face for itself does something else: on a bent film the outer patch is larger,
-    and on an incompressible film between clamps it is hydrostatic and moves nothing.)
+    It is the stress -eps e (x) e with |e| = V/d: the pressure p on both faces, with equal and
+    opposite forces on opposite patches of the electrodes, as between charges. A follower pressure
+    on each face would differ: on a bent film the outer patch is larger, and on an incompressible
+    film between clamps the pressure is hydrostatic and deforms nothing.
     """
     _, e, eps = _film_field(problem)
     return _stress_across(problem, v, eps, e)
 
 
 def pelrine_undeformed(problem: Body, v: Any) -> Any:
-    """The same with the thickness at rest: p = eps (V/H)^2 however far the film is squeezed.
+    """Pelrine's pressure with the undeformed thickness, p = eps (V/H)^2.
 
-    No energy stands behind it: it lacks the growth of the pressure as the film thins.
+    It does not grow as the film thins, and has no potential.
     """
     F, _, eps = _film_field(problem)
     E = problem.point.E

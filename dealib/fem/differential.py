@@ -1,4 +1,4 @@
-"""How the device answers small changes at its ports: one tangent, one back-substitution a port."""
+"""Small-signal properties at the ports: stiffness and capacitance, from one tangent."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from dealib.device.records import CHAMBER, MOUNT, TERMINAL, TURN
 from dealib.fem.constraints import FIELDS
 from dealib.fem.linear import set_options
 from dealib.fem.newton import Newton
+from dealib.fem.port_law import PortLaw
 from dealib.fem.problem import Problem
-from dealib.fem.system import PortLaw
 
-_CORRECTIONS = 20  # of a test potential, at most
-_ENOUGH = 1e-12  # error of its energy
+_CORRECTIONS = 20  # largest number of corrections of a test potential
+_ENOUGH = 1e-12  # relative error of its energy at which it has converged
 Array = npt.NDArray[np.float64]
 
-_SMALL = 1e-4  # change of a port, of its size
+_SMALL = 1e-4  # change of a port over its characteristic size
 _PREFIX, _ELECTROSTATIC = "dealib_field_", {"mat_mumps_icntl_7": 5}
 
 
 def port_stiffness(newton: Newton) -> Array:
     """Second derivatives of the equilibrium potential by the ports' values, (ports, ports).
 
-    With U in mm and V in kV: [[dF/dU, dF/dV], [-dQ/dU, -dQ/dV]], each at the other ports' values.
-    The state follows the ports along the responses of the tangent; along them the ports' duals are
-    differentiated centrally (collective).
+    With U in mm and V in kV it is [[dF/dU, dF/dV], [-dQ/dU, -dQ/dV]], each derivative at constant
+    values of the other ports. The state changes along the tangent's response to each port, and the
+    ports' duals are differentiated centrally along it (collective).
     """
     system = newton.system
     sizes = [_SMALL * _size(system.problem, port.kind.name) for port in system.problem.device.ports]
@@ -54,7 +54,7 @@ def _size(problem: Problem, kind: str) -> float:
 
 @contextmanager
 def _prescribed(newton: Newton) -> Iterator[None]:
-    """Prescribe the values that all ports have, for a while."""
+    """A context in which all ports are held at their values."""
     system = newton.system
     laws, q = dict(system.ports), system.q
     for name, value in system.map.port_values(q).items():
@@ -82,10 +82,10 @@ def _slope(newton: Newton, response: Any, size: float) -> Array:
 def condensed(
     stiffness: Array, laws: Mapping[str, PortLaw], values: Mapping[str, float], port: str
 ) -> float:
-    """Derivative of the potential's slope at a port by its value, the others driven as they are.
+    """Stiffness of a port, dPi/dq by its value, with the other ports driven as they are.
 
     Args:
-        stiffness: Of the ports (see `port_stiffness`).
+        stiffness: Stiffness of all ports (see `port_stiffness`).
         laws: Equations of the ports, in order.
         values: Values of the ports.
         port: The port.
@@ -101,7 +101,7 @@ def condensed(
 
 
 def test_fields(newton: Newton) -> list[Any]:
-    """States in which one terminal after the other has 1 kV and the body moves linearly."""
+    """Linear responses to 1 kV at each terminal in turn, other ports held, as reduced vectors."""
     with _prescribed(newton):
         names = list(newton.system.ports)
         responses = newton.responses()
@@ -110,10 +110,10 @@ def test_fields(newton: Newton) -> list[Any]:
 
 
 def capacitance_matrix(newton: Newton) -> Array:
-    """Charges on all terminals at unit voltage of each, the body frozen, nF (collective).
+    """Maxwell's capacitance matrix with the body fixed, nF (collective).
 
     Returns:
-        Shape (terminals, terminals), symmetric.
+        Charges on terminals at unit voltage of each one, (terminals, terminals), symmetric.
     """
     system = newton.system
     names = [port.name for port in system.problem.device.of(TERMINAL)]
@@ -146,12 +146,12 @@ def capacitance_matrix(newton: Newton) -> Array:
 
 
 def capacitance(newton: Newton, port: str) -> float:
-    """Small-signal capacitance of the one terminal at 0 V with the body frozen, nF.
+    """Small-signal capacitance of a terminal at 0 V with the body fixed, nF.
 
-    A back-substitution with the tangent at hand, of a state nearby, gives a trial potential for a
-    unit test voltage, and others correct it; the electric energy is stationary in it, so its error
-    enters squared. Of a sheet, whose layers have no potential of their own, it is the derivative of
-    its charge.
+    A back-substitution with the last tangent, which may be that of a nearby state, gives a trial
+    potential for a unit test voltage, and further ones correct it. The electric energy is
+    stationary in the potential, so that its error enters squared. For a sheet, which has no
+    potential field, the capacitance is the derivative of the charge.
     """
     system, problem = newton.system, newton.system.problem
     if problem.sheet is not None:
@@ -162,11 +162,11 @@ def capacitance(newton: Newton, port: str) -> float:
         charge: float | None = None
         if newton.factored and system.charging is None:
             charge, _ = _test_charge(newton, port)
-        if charge is None:  # the tangent at hand is that of a state too far away
+        if charge is None:  # the last tangent is that of a state too far away
             system.residual(q, right)
             newton.assemble()
             charge, trial = _test_charge(newton, port, needed=True)
-            if system.charging is not None:  # the residual is not of the field's energy alone
+            if system.charging is not None:  # the residual contains currents too
                 system.expand(trial)
                 charge = -2 * problem.integrate("electric")
     if system.charging is not None:
@@ -176,16 +176,17 @@ def capacitance(newton: Newton, port: str) -> float:
 
 
 def _test_charge(newton: Newton, port: str, needed: bool = False) -> tuple[float | None, Any]:
-    """Charge at 1 kV at a terminal with the body frozen, uC, and the state with that potential.
+    """Charge at 1 kV at a terminal with the body fixed, uC, and the state with that potential.
 
-    It is twice the energy, which is quadratic in the potential phi: with the residual r and the
-    charge Q at phi itself it is Q - phi.r, and a correction d of the potential adds -r.d. The
-    problem's state is another one afterwards.
+    The charge is twice the energy, which is quadratic in the potential phi: with the residual r and
+    the charge Q at phi it is Q - phi.r, and a correction d of the potential adds -r.d. The
+    problem's state is overwritten.
 
     Args:
         newton: The solver, with a tangent.
         port: The terminal.
-        needed: Whether to return a charge too if the corrections do not converge, else None.
+        needed: Whether to return a charge even if the corrections do not converge; otherwise the
+            charge is then None.
     """
     system = newton.system
     trial, right, response = (system.q.copy() for _ in range(3))
@@ -212,7 +213,7 @@ def _test_charge(newton: Newton, port: str, needed: bool = False) -> tuple[float
         mine = float(missed @ (correction - phi))
         charge = system.map.comm.allreduce(mine) - system.internal[port]
         trial.array[fields] -= correction
-        left = size(response) / (size(trial) or 1.0)  # it may have no node inside
+        left = size(response) / (size(trial) or 1.0)  # there may be no free potential
         if left**2 * (left / before) <= _ENOUGH:
             return charge, trial
         before = left

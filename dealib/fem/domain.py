@@ -35,13 +35,13 @@ class Domain:
     """A distributed mesh with the names of a device.
 
     Attributes:
-        device: What its names mean.
+        device: The device whose names it has.
         mesh: The dolfinx mesh, coordinates in mm.
         cell_tags: Region tags.
         facet_tags: Boundary tags.
         groups: {name: (dim, tag)}.
-        comm: The caller's communicator. The mesh has a copy, which ends with it; what PETSc is to
-            free later (`compat.free`) needs one that lasts.
+        comm: The caller's communicator. The mesh has a copy that ends with it; objects that PETSc
+            frees later (`compat.free`) need one that lasts.
     """
 
     device: Device
@@ -124,9 +124,9 @@ class Domain:
 
     @cached_property
     def symbolic(self) -> Any:
-        """The device's space with constants for its numbers, so that no form is compiled for them.
+        """The device's space for UFL, with constants for its numbers.
 
-        Only UFL can read it.
+        Forms then need not be compiled anew for other numbers.
         """
         k: Any = self.device.kinematics
         numbers = ["multiple"] + ["offset"] * isinstance(k, SheetKinematics)
@@ -134,11 +134,11 @@ class Domain:
 
     @cached_property
     def sizes(self) -> Sizes:
-        """Characteristic sizes: of the shape, or of the mesh itself (collective)."""
+        """Characteristic sizes of the shape, or of a mesh file (collective)."""
         return self.device.sizes or self._measured()
 
     def _measured(self) -> Sizes:
-        """Sizes of the box around the solids: its smallest side, its longest, what lies between."""
+        """Sizes from the sides of the box around the solids; the smallest is the thickness."""
         x = self.mesh.geometry.x[np.unique(compat.cell_nodes(self.mesh)[self.solids])]
         ends = np.array([x.max(axis=0), -x.min(axis=0)]) if len(x) else np.full((2, 3), -np.inf)
         self.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
@@ -177,13 +177,13 @@ def node_positions(domain: Domain, cell: Cell) -> Any:
     return kinematics.positions(nodes) if isinstance(kinematics, SheetKinematics) else nodes
 
 
-def build_domain(config: Config, comm: MPI.Comm, save: Path | None = None) -> Domain:
+def build_domain(config: Config, comm: MPI.Comm, save: Path | None) -> Domain:
     """Mesh the geometry on rank 0 and distribute it.
 
     Args:
         config: The config.
         comm: MPI communicator.
-        save: Write the mesh there, in Gmsh's format.
+        save: Where to write the mesh in Gmsh's format, if anywhere.
 
     Raises:
         ConfigError: On every rank, if the mesh cannot be built or read.
@@ -217,9 +217,9 @@ def build_domain(config: Config, comm: MPI.Comm, save: Path | None = None) -> Do
 def build_spaces(domain: Domain, order: int, mixed: bool = False) -> Spaces:
     """Continuous displacement and potential of one order, and a pressure, in one space.
 
-    The pressure jumps from cell to cell, since it does so from film to electrode. With second-order
-    displacements it is linear in each quadrilateral (the inf-sup stable pair of best order), but
-    constant in each triangle, where the linear one would lock.
+    The pressure is discontinuous between cells, as it is between film and electrode. With
+    second-order displacements it is linear in each quadrilateral (the inf-sup stable pair of best
+    order), but constant in each triangle, where a linear one would lock.
 
     Args:
         domain: The mesh.

@@ -1,12 +1,12 @@
-"""Resistive electrodes: what holds their potential, and how they conduct along themselves.
+"""Resistive electrodes: their constraint map, and their conductances.
 
-A sheet of resistance rho a square as mounted, which grows as (area ratio)^n, conducts
+An electrode with the sheet resistance rho as mounted, which changes as a^n with the area ratio a,
+dissipates per unit of mounted area the power
 
-    1/rho a^(1 - n) E.C^-1 E
+    1/rho a^(1 - n) E.C^-1 E,
 
-a unit of its mounted area, with C of the surface, a its area ratio and E the gradient of the
-potential along it: twice the power at that potential. Of a layer of thickness t it is 1/t of that a
-unit of volume.
+with the metric C of the surface and the gradient E of the potential along it. For a layer of
+thickness t the power per unit of volume is 1/t of that.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def build_map(domain: Domain, spaces: Spaces, config: Config, resistive: bool) -
         domain: The mesh.
         spaces: The spaces on it.
         config: The config.
-        resistive: Whether electrodes have their potential at the contact alone.
+        resistive: Whether the potential of electrodes is prescribed at the contact only.
 
     Raises:
         ValueAt: If two terminals touch, or an electrode does not reach the contact.
@@ -65,7 +65,7 @@ def _electrodes(domain: Domain) -> Iterator[Support]:
 
 
 def electrode_dofs(domain: Domain, spaces: Spaces) -> Iterator[tuple[str, Any]]:
-    """Port of each electrode, empty of ground, and the potential's degrees of freedom on it."""
+    """Port of each electrode, '' for ground, and the degrees of freedom of its potential."""
     for support in _electrodes(domain):
         yield support.port, support_dofs(domain, spaces, support)
 
@@ -116,7 +116,7 @@ def power(problem: Any) -> Any:
 
 
 def _share(sensing: Sensing, stretched: Any) -> Any:
-    """Conductance a square at a squared area ratio."""
+    """Sheet conductance, 1/Gohm, times the area ratio, at a squared area ratio."""
     assert sensing.sheet_resistance is not None
     power = (1 - sensing.area_exponent) / 2
     return (stretched**power if power else 1.0) / sensing.sheet_resistance

@@ -1,10 +1,9 @@
 """Energies of regions; their sum is the potential that the solver makes stationary.
 
 An energy is a function of a few scalars, each a polynomial of the deformation gradient and the
-field at a point, such as tr C, det F and |cof(F) E|^2. Composing energies is all that it takes to
-model a device. The chain rule through the scalars gives residual and tangent: UFL differentiates
-polynomials and functions of scalars, which it does to a fraction of the code that the whole would
-take.
+field at a point, such as tr C, det F and |cof(F) E|^2. A device is modelled by composing energies.
+Residual and tangent follow by the chain rule through the scalars: UFL differentiates the
+polynomials and the functions of scalars apart, which gives much shorter code than the whole.
 """
 
 from __future__ import annotations
@@ -36,8 +35,8 @@ class Point:
         E: Nominal field -Grad phi, (3,), kV/mm.
         N: Outer normal of a face in the mesh, (3,); None inside.
         area: Deformed area of a face per area of the mesh, (3,), outwards; None inside.
-        principal: Whether the last component's direction is a principal one, as it is but in solids
-            of three dimensions.
+        principal: Whether the direction of the last component is a principal one, as it is except
+            in three dimensions.
     """
 
     x: Any
@@ -57,10 +56,10 @@ class Energy(Protocol):
         """Group of regions that it lives on."""
 
     def scalars(self, point: Point) -> Scalars:
-        """What it is a function of: polynomials of F, E and other unknowns at a point."""
+        """The scalars on which it depends: polynomials of F, E and other unknowns at a point."""
 
     def of(self, *scalars: Any) -> Any:
-        """Energy per mesh volume as a function of these, MPa = mJ/mm^3."""
+        """Energy per mesh volume as a function of `scalars`, MPa = mJ/mm^3."""
 
 
 def density(energy: Energy, point: Point) -> Any:
@@ -95,7 +94,7 @@ def _slopes(energy: Energy, point: Point) -> tuple[list[Any], list[Any]]:
 
 
 def constant(mesh: Any, value: Any) -> Any:
-    """A number, or an array of them, that forms refer to without being compiled for it."""
+    """A number or an array as a constant; forms need not be compiled anew for another value."""
     return fem.Constant(mesh, np.array(value, dtype=PETSc.ScalarType))
 
 
@@ -154,14 +153,14 @@ class Hyperelastic:
         return (self.law.energy(i, self.parameters) - self.withheld(i)) / self.volume
 
     def withheld(self, i: Invariants) -> Any:
-        """What softening takes off the energy per unstretched volume; 0 without."""
+        """Reduction of the energy per unstretched volume by softening, MPa; 0 without softening."""
         if self.mullins is None:
             return 0
         W = self.law.isochoric_energy(i, self.parameters)
         return withheld(W, self.peak, self.mullins)
 
     def extension(self, point: Point) -> Any:
-        """Share of the law's extensibility that is used (see `Law.extension`)."""
+        """Used share of the law's extensibility (see `Law.extension`)."""
         return self.law.extension(isochoric(*self.scalars(point)), self.parameters)
 
     @property
@@ -179,10 +178,10 @@ class Hyperelastic:
 
 @dataclass(frozen=True)
 class MixedHyperelastic:
-    """A solid whose volumetric energy bulk_modulus/2 (J - 1)^2 is p (J - 1) - p^2/(2 bulk_modulus).
+    """A solid with the volumetric energy p (J - 1) - p^2/(2 kappa) in place of kappa/2 (J - 1)^2.
 
-    The perturbed Lagrangian (Simo, Taylor and Pister, Comput. Methods Appl. Mech. Engrg. 51 (1985)
-    177): stationary in p at p = bulk_modulus (J - 1), where it is the solid's own energy.
+    The perturbed Lagrangian of Simo, Taylor and Pister, Comput. Methods Appl. Mech. Engrg. 51
+    (1985) 177. It is stationary in p at p = kappa (J - 1), where both energies are equal.
 
     Attributes:
         solid: The solid; J counts from its unstretched state.
@@ -237,13 +236,13 @@ class IdealDielectric:
 
 @dataclass(frozen=True)
 class StretchedDielectric(IdealDielectric):
-    """The same with eps = permittivity + slope * stretch (see `StretchPermittivity`).
+    """A dielectric with eps = permittivity + slope * stretch (see `StretchPermittivity`).
 
-    It is linear in the field, but the derivative of its energy gives electrostriction besides
-    Maxwell's stress, as in X. Zhao, Z. Suo, J. Appl. Phys. 104, 123530 (2008).
+    It is linear in the field, but its energy gives electrostriction besides Maxwell's stress, as in
+    X. Zhao, Z. Suo, J. Appl. Phys. 104, 123530 (2008).
 
     Attributes:
-        slope: Change of the permittivity a unit of stretch, N/kV^2, as a constant.
+        slope: Change of the permittivity per unit of stretch, N/kV^2, as a constant.
         prestretch: Stretches before the mesh along the components, as a constant.
         normal: Component across the layer.
     """
@@ -257,7 +256,7 @@ class StretchedDielectric(IdealDielectric):
         return self._at(self._area(F))
 
     def scalars(self, point: Point) -> Scalars:
-        """See `Energy`; the last one is the square of the growth in area since the mesh."""
+        """See `Energy`; the last scalar is the square of the area ratio since mounting."""
         return (*super().scalars(point), self._area(point.F))
 
     def of(self, *scalars: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The films at their Gauss points: what does not change is found once, the rest at each state."""
+"""Films at their Gauss points, for fields, stresses and limits in each state."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from dealib.results.elements import Array, determinant, gradients
 from dealib.results.margins import Film, layered, mounted_fresh
 from dealib.results.thickness import Columns, edges
 
-_FAINT = 1e-2  # field, of the strongest, below which there is no electrode
+_FAINT = 1e-2  # field over the strongest one below which a point lies outside the electrodes
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,11 @@ class FilmPoints:
 
     Attributes:
         film: Material and reference values.
-        group: Regions.
-        layout: Where nodal values come from.
-        cells: Their rows in the layout.
-        points: Their Gauss points.
-        columns: The same, sorted into columns of the whole layer; None if it is no plane layer.
+        group: The regions.
+        layout: Layout of nodal values.
+        cells: Rows of the cells in the layout.
+        points: The Gauss points.
+        columns: The points sorted into columns through the whole layer; None if it is not plane.
         comm: MPI communicator.
     """
 
@@ -51,7 +51,7 @@ class FilmPoints:
     def all(
         cls, problem: Problem, layout: Layout, normals: Array | None = None
     ) -> tuple[FilmPoints, ...]:
-        """Those of a device, one for each material and direction (collective).
+        """The films of a device, one for each material and direction (collective).
 
         Args:
             problem: The problem.
@@ -90,7 +90,7 @@ class FilmPoints:
 
     @cached_property
     def volumes(self) -> Array:
-        """Volume of the device as mounted that each point stands for, (cells, points), mm^3."""
+        """Mounted volume of the device at each point, (cells, points), mm^3."""
         k, cell, at = self.points.kinematics, self.layout.cell, self.points.position
         mesh = self.layout.nodes[self.cells][..., list(k.lies)]
         jacobian = np.swapaxes(mesh, 1, 2)[:, None] @ cell.shape(cell.gauss)[1]
@@ -98,7 +98,7 @@ class FilmPoints:
         return np.asarray(size * (self.film.material.thickness or 1.0))
 
     def nodal(self) -> Array:
-        """Nodal values of the cells in the present state, (cells, nodes, columns)."""
+        """Nodal values of the cells in the current state, (cells, nodes, columns)."""
         return self.layout.local()[self.cells]
 
     def tensions(self, k: stress.Deformation, nodal: Array, internal: Array | None) -> Array:
@@ -116,11 +116,11 @@ class FilmPoints:
         return found if self.columns is None else self.columns.average(found, k, self._total)
 
     def rings(self, k: stress.Deformation, capacitance: float) -> Rings:
-        """The film in rings (collective).
+        """The film divided into rings between the columns' edges (collective).
 
         Args:
             k: Deformation.
-            capacitance: Of the whole, nF.
+            capacitance: Capacitance of the whole film, nF.
         """
         assert self.columns is not None
         a = k.F[..., self.film.material.plane[0]]
@@ -146,7 +146,7 @@ def _columns(
     points: local.Points,
     comm: MPI.Comm,
 ) -> Columns | None:
-    """Columns of a plane layer, whose bounds all ranks share."""
+    """Columns of a plane layer, the same on all ranks; None if it is not plane."""
     if not layered(config, group.regions):
         return None
     along = points.position[..., 1 - group.normal]
@@ -156,10 +156,10 @@ def _columns(
 
 
 def field_normals(newton: Newton, layout: Layout) -> Array:
-    """Directions of the nominal field at test voltages, (cells, points, 3) (collective).
+    """Unit directions of the nominal field at test voltages, (cells, points, 3) (collective).
 
-    At each Gauss point of the local cells that of the terminal whose field is strongest there; Z
-    where none is felt.
+    At each Gauss point of the local cells it is the field of the terminal that is strongest there,
+    and Z where there is no field.
     """
     problem, nodal = newton.system.problem, None
     k, cell = problem.kinematics, layout.cell

@@ -1,7 +1,7 @@
-"""The forms that are made of a potential: energies, residuals, tangents, masses, by name.
+"""The forms of a problem by name: energies, residuals, tangents, masses.
 
-To add a form, add a function of the problem here, and its name to `FORMS`, or to `_OF_PORTS` if it
-is one of ports.
+To add a form, add a function of the problem here and its name to `FORMS`, or to `_OF_PORTS` if the
+form belongs to ports.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def _energy(name: str, problem: Problem) -> Any:
 
 
 def _residual(mesh: bool, problem: Problem) -> Any:
-    """First variation; of the air's mesh, or of the body with what loads it."""
+    """First variation of the potential, or of the fictitious energy of the air's mesh."""
     test = ufl.TestFunction(problem.spaces.W)
     if mesh:
         return problem.first(problem.mesh_motion, test) if problem.mesh_motion else None
@@ -49,7 +49,7 @@ def _residual(mesh: bool, problem: Problem) -> Any:
 
 
 def _tangent(mesh: bool, problem: Problem, trial: Any = None) -> Any:
-    """Second variation, likewise."""
+    """Second variation of the potential, or of the fictitious energy of the air's mesh."""
     W, w = problem.spaces.W, problem.spaces.w
     test, trial = ufl.TestFunction(W), ufl.TrialFunction(W) if trial is None else trial
     if mesh:
@@ -70,11 +70,11 @@ def _loads(problem: Problem, test: Any) -> Any:
     return sum(ufl.derivative(problem.load_of(port), problem.spaces.w, test) for port in ports)
 
 
-# --- ports that no degree of freedom follows -----------------------------------------------------
+# --- ports without degrees of freedom ------------------------------------------------------------
 
 
 def _dual(problem: Problem, port: str) -> Any:
-    """Derivative of the potential by the value of a port; 0 without."""
+    """Derivative of the potential by the value of a port; 0 if it does not depend on it."""
     found = problem.load_of(port, derive=True)
     if problem.sheet is not None and _terminal(problem, port):
         found += problem.sheet.dual(port)
@@ -82,7 +82,7 @@ def _dual(problem: Problem, port: str) -> Any:
 
 
 def _column(problem: Problem, port: str) -> Any:
-    """Derivative of that by the state."""
+    """Second derivative of the potential by the value of a port and the state."""
     test = ufl.TestFunction(problem.spaces.W)
     if problem.sheet is not None and _terminal(problem, port):
         return problem.sheet.column(port, test)
@@ -90,7 +90,7 @@ def _column(problem: Problem, port: str) -> Any:
 
 
 def _corner(problem: Problem, one: str, other: str) -> Any:
-    """Second derivative of the potential by the values of two ports; 0 without."""
+    """Second derivative of the potential by the values of two ports; 0 if there is none."""
     if problem.sheet is not None and _terminal(problem, one) and _terminal(problem, other):
         return problem.sheet.corner(one, other)
     return 0
@@ -116,7 +116,7 @@ def _locked(problem: Problem) -> Any:
 
 
 def _mounted(problem: Problem, density: Any = 1.0) -> Any:
-    """Integral over the mounted volume of what carries stress."""
+    """Integral over the mounted volume of all materials."""
     return sum(problem.over(group.name, density) for group in problem.groups if group.material)
 
 
@@ -127,7 +127,7 @@ def _product(problem: Problem) -> Any:
 
 
 def _mass(name: str, problem: Problem) -> Any:
-    """Forms of the mass, which is that of the unstretched body."""
+    """Forms with the mass; the density is that of the unstretched material."""
     W = problem.spaces.W
     test = ufl.split(problem.direction if name == "inertia work" else ufl.TestFunction(W))[0]
     moved = {"mass": ufl.TrialFunction(W), "mass along": problem.direction}.get(name, problem.rate)

@@ -19,16 +19,16 @@ from dealib.fem.energies import constant
 class Group:
     """Regions of one material and direction, which share their energies.
 
-    Of a sheet it is one layer on one part of the base, with a point of its own.
+    In a sheet a group is one layer on one part of the base.
 
     Attributes:
-        name: Of its material and direction, or of its region.
+        name: Name, made of material and direction, or of layer and part.
         material: Key of `materials`; empty for air and rigid blocks.
-        regions: Names.
+        regions: Names of the regions.
         normal: Component across the layer.
-        prestretch: Constant: stretches along the components; None where there is no pre-stretch.
-        sheet: What it has as a layer of a sheet; None for a solid.
-        slot: Number of the layer on its part of the base, for what the layers have each.
+        prestretch: Stretches along the components, as a constant; None without pre-stretch.
+        sheet: Data of a layer of a sheet; None for a solid.
+        slot: Number of the layer, its place in functions that hold values of all layers.
     """
 
     name: str
@@ -46,14 +46,14 @@ class Sheet:
 
     Attributes:
         area: Name of the part in the mesh.
-        thickness: As mounted, mm.
+        thickness: Thickness as mounted, mm.
         between: Terminals below and above; '' for ground; None where there is no electrode.
         stretch: Thickness stretch since mounting, a function at the quadrature points.
-        excess: What wrinkles add to the metric, a function there.
+        excess: Excess metric of wrinkles, a function at the quadrature points.
         field: Nominal field across, a constant, kV/mm.
-        variables: UFL variables that the energy is one of: the metric's components, the field if
-            there is one, and the thickness stretch.
-        point: A point of the layer, made of these.
+        variables: UFL variables on which the energy depends: the metric's components, the field if
+            there can be one, and the thickness stretch.
+        point: A point of the layer as a function of `variables`.
     """
 
     area: str
@@ -88,7 +88,7 @@ def solid_groups(config: Config, domain: Domain) -> tuple[Group, ...]:
     groups = []
     for name, regions in found.items():
         normal = regions[0].normal
-        if normal is None:  # no layer: what is pre-stretched is so across Z
+        if normal is None:  # in a mesh file, films lie across Z for the pre-stretch
             normal = domain.device.kinematics.components.index("Z")
         stretched = None
         if (key := regions[0].material) is not None:
@@ -134,14 +134,14 @@ def sheet_groups(config: Config, domain: Domain) -> tuple[Group, ...]:
 
 
 def areas(domain: Domain) -> list[str]:
-    """Parts of the base by their names in the mesh."""
+    """Names in the mesh of the parts of the base."""
     return [name for name, (dim, _) in domain.groups.items() if dim == domain.dim]
 
 
 def _between(
     device: Device, laminate: Laminate, layer: Layer, names: list[str]
 ) -> tuple[str | None, str | None]:
-    """Terminals below and above a layer on a part of the base with these names."""
+    """Terminals below and above a layer, on the part of the base that has these names."""
     port_of = {s.where: s.port for s in device.supports if s.quantity == PHI}
     here = [x for x in laminate.layers if x.name in names]
     k = here.index(layer)

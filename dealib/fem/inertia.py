@@ -1,16 +1,15 @@
-"""Motion in time by generalised alpha: velocities, accelerations, and what they add to the forces.
+"""Motion in time by the generalised alpha method: velocities, accelerations, forces of inertia.
 
 J. Chung and G. M. Hulbert, J. Appl. Mech. 60 (1993) 371, in the form of M. Arnold and O. Bruels,
-Multibody Syst. Dyn. 18 (2007) 185: the equations of motion hold at the end of a step, with the true
-acceleration r there, and so do those of potentials, pressures and ports. Averaged over a step they
-would let these oscillate from step to step. The displacement u, the velocity v and the auxiliary
-acceleration a follow
+Multibody Syst. Dyn. 18 (2007) 185. All equations hold at the end of a step, those of motion with
+the true acceleration r there. (Averaged over the step, they would let potentials, pressures and
+ports oscillate from step to step.) Displacement u, velocity v and auxiliary acceleration a follow
 
     (1 - am) a' + am a = (1 - af) r' + af r,
     u' = u + h v + h^2 ((1/2 - beta) a + beta a'),  v' = v + h ((1 - gamma) a + gamma a').
 
-So r' = k (u' - u*), with k and u* fixed at the start of the step: inertia over a step has the
-potential k/2 (u' - u*) . M (u' - u*), and the tangent stays symmetric.
+So r' = k (u' - u*), with k and u* fixed at the start of the step. Inertia has the potential
+k/2 (u' - u*) . M (u' - u*) over the step, and the tangent stays symmetric.
 """
 
 from __future__ import annotations
@@ -35,10 +34,10 @@ _TONNES = 1e-3  # of a kg
 
 @dataclass(frozen=True)
 class Rates:
-    """A state in motion: degrees of freedom of this rank, then the values of all ports.
+    """A state in motion: arrays of this rank's degrees of freedom and the values of all ports.
 
     Attributes:
-        u: Where it is, mm.
+        u: Displacement, mm.
         v: Velocity, mm/s.
         a: Auxiliary acceleration, mm/s^2.
         r: True acceleration, mm/s^2.
@@ -56,17 +55,17 @@ class Rates:
 
 
 class Inertia:
-    """What a device in motion feels besides its potential.
+    """Inertia and damping of a device in motion.
 
     Attributes:
         now: The last accepted state.
         stiffness_time: Rayleigh's factor of the stiffness, s.
-        damped: Energy lost to Rayleigh damping since the stage began, mJ.
-        numerical: Energy lost to the time integration, likewise.
+        damped: Energy lost to Rayleigh damping so far, mJ.
+        numerical: Energy lost to the time integration so far, mJ.
 
     Args:
         problem: The problem.
-        laws: The equation of each port, which says what hangs on it.
+        laws: The equation of each port, with the mass that hangs on it.
     """
 
     def __init__(self, problem: Problem, laws: Mapping[str, Any]) -> None:
@@ -90,7 +89,7 @@ class Inertia:
     # --- matrices --------------------------------------------------------------------------------
 
     def matrix(self, like: Any) -> Any:
-        """Mass matrix of the reduced unknowns that degrees of freedom follow, t.
+        """Mass matrix of the reduced unknowns that have degrees of freedom, t.
 
         Args:
             like: A matrix with the tangent's pattern.
@@ -104,27 +103,27 @@ class Inertia:
         return matrix
 
     def own_mass(self, port: str) -> float:
-        """Mass of a rigid mount and of what hangs on it, t."""
+        """Mass of a mount and of the weight that hangs on it, t."""
         return self._own[port] + _TONNES * float(self._laws[port].mass)
 
     # --- steps -----------------------------------------------------------------------------------
 
     def rest(self, values: dict[str, float]) -> None:
-        """Be at rest at the problem's state, with the ports at these values (collective).
+        """Set the state to rest at the problem's state and these port values (collective).
 
-        What moved before has lost its kinetic energy.
+        Kinetic energy that is lost so counts as numerical loss.
         """
         self.numerical += self.kinetic
         self.now, self._step = Rates.rest(self._position(values)), 0.0
 
     def enter(self) -> None:
-        """Begin a stage: its largest motion counts from here."""
+        """Begin a stage, in which the largest motion is measured anew."""
         self._start, self._largest = self.now.u, 0.0
 
     def begin(self, duration: float) -> None:
-        """Prepare a step from the last accepted state, in s."""
+        """Prepare a step of a duration in s from the last accepted state."""
         am, af, n, h = self._am, self._af, self.now, duration
-        if self._step and self._step != h:  # a belongs to a time that depends on the step
+        if self._step and self._step != h:  # the time to which a belongs depends on the step
             n = self.now = replace(n, a=n.r + (n.a - n.r) * h / self._step)
         self._step = h
         self._k = (1 - am) / ((1 - af) * self._beta * h**2)
@@ -136,20 +135,23 @@ class Inertia:
         self._problem.rate_factor.value = self._factor
 
     def predict(self) -> dict[str, float]:
-        """Set the problem's state to where the velocity leads it; returns the ports' values."""
+        """Set the problem's state to a linear extrapolation; returns the values of the ports."""
         at, count = self.now.u + self._step * self.now.v, len(self._ports)
         self._set(self._problem.spaces.w, at)
         return dict(zip(self._ports, at[len(at) - count :].tolist(), strict=True))
 
     def damp(self, stiffness: Any) -> None:
-        """Take the reduced stiffness that damps the step, in displacements alone."""
+        """Set the reduced stiffness, of displacements only, for the damping of the step."""
         self._stiffness = stiffness
 
     def accelerate(self, values: dict[str, float]) -> list[str]:
-        """Set the accelerations of the problem's state; the linear forms that they load.
+        """Set the accelerations of the problem's state.
 
         Args:
-            values: Of the ports.
+            values: Values of the ports.
+
+        Returns:
+            Names of the linear forms to be added to the residual.
         """
         self._u = self._position(values)
         self._forced = self._factor * self._u + self._r0 + self._mass_rate * self._v0
@@ -157,22 +159,22 @@ class Inertia:
         return ["inertia"]
 
     def add_damping(self, out: Any) -> None:
-        """Add the reduced forces that the stiffness damps with, at these accelerations."""
+        """Add the reduced forces of stiffness-proportional damping after `accelerate`."""
         if self._stiffness is not None:
             force = out.duplicate()
             self._stiffness.mult(self._reduced(self._speed * self._u + self._v0), force)
             out.axpy(self.stiffness_time, force)
 
     def push(self, port: str) -> float:
-        """Force of inertia of a mount's own mass at these accelerations, N."""
+        """Force of inertia of a mount's own mass after `accelerate`, N."""
         return self.own_mass(port) * self._of(self._forced, port)
 
     def push_rate(self, port: str) -> float:
-        """Its derivative by the port's value, N/mm."""
+        """Derivative of `push` by the port's value, N/mm."""
         return self.own_mass(port) * self._factor
 
     def add_tangent(self, matrix: Any) -> None:
-        """Add the derivative of the forces of inertia and damping on degrees of freedom."""
+        """Add the derivative of the forces of inertia and damping, except those of `push`."""
         if self._matrix is None:
             self._matrix = self.matrix(matrix)
         same = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
@@ -181,11 +183,11 @@ class Inertia:
             matrix.axpy(self.stiffness_time * self._speed, self._stiffness, structure=same)
 
     def error(self) -> float:
-        """Error of the step just solved over the largest motion of the stage (collective).
+        """Error of the last step over the largest motion of the stage (collective).
 
-        Root mean square over the mass of (beta - 1/6) h^2 (r' - r) (O. C. Zienkiewicz, Y. M. Xie,
-        Earthq. Eng. Struct. Dyn. 20 (1991) 871), over that of the displacement since its start, or
-        over the film's thickness.
+        Both are root mean squares over the mass. The error is (beta - 1/6) h^2 (r' - r) (O. C.
+        Zienkiewicz, Y. M. Xie, Earthq. Eng. Struct. Dyn. 20 (1991) 871), the motion is the
+        displacement since the stage began, or at least the film's thickness.
         """
         end = self._reached()
         missed = self._size((self._beta - 1 / 6) * self._step**2 * (end.r - self.now.r))
@@ -194,8 +196,8 @@ class Inertia:
     def commit(self) -> None:
         """Accept the current state as the end of the step (collective).
 
-        The work of the forces of inertia along the step, by the trapezoidal rule as that of the
-        ports, is the change of the kinetic energy and what the integration loses.
+        The work of the forces of inertia along the step, by the trapezoidal rule as for the ports,
+        is the change of the kinetic energy and the numerical loss.
         """
         end, n = self._reached(), self.now
         moved = end.u - n.u
@@ -210,7 +212,7 @@ class Inertia:
 
     @contextmanager
     def tentative(self) -> Iterator[None]:
-        """Accept the current state for a while, to look at it (collective)."""
+        """A context in which the current state is accepted tentatively (collective)."""
         kept = self.now, self._largest, self.damped, self.numerical
         self.commit()
         try:
@@ -226,15 +228,15 @@ class Inertia:
         return self._kinetic(self.now.v)
 
     def velocity(self, port: str) -> float:
-        """Of a port's value, mm/s."""
+        """Rate of a port's value, mm/s."""
         return self._of(self.now.v, port)
 
     # --- checkpoints -----------------------------------------------------------------------------
 
     def gather(self, layout: Layout) -> Array | None:
-        """Nodal v, a, r, and u at the stage's start, (4, nodes, axes) on rank 0 (collective).
+        """Nodal v, a, r, and u at the stage's start, (4, nodes, axes), on rank 0 (collective).
 
-        The problem's state is another one afterwards.
+        It overwrites the problem's state.
         """
         found = []
         for rates in (self.now.v, self.now.a, self.now.r, self._start):
@@ -245,7 +247,7 @@ class Inertia:
         return np.array(found) if found else None
 
     def plain(self) -> dict[str, Any]:
-        """What else a checkpoint holds."""
+        """Plain values for a checkpoint."""
         n, count = self.now, len(self._ports)
         ports = [x[len(x) - count :].tolist() for x in (n.v, n.a, n.r, self._start)]
         return {"ports": ports, "step": self._step, "largest": self._largest}
@@ -253,9 +255,13 @@ class Inertia:
     def restore(
         self, layout: Layout, gathered: Array | None, plain: dict[str, Any], at: dict[str, float]
     ) -> None:
-        """Inverse of both, at the problem's state with the ports at some values (collective).
+        """Inverse of `gather` and `plain` (collective). It overwrites the problem's state.
 
-        The problem's state is another one afterwards.
+        Args:
+            layout: Layout of the mesh.
+            gathered: From `gather`, on rank 0.
+            plain: From `plain`.
+            at: Values of the ports in the problem's state.
         """
         found = [self._position(at)]
         for k, ports in enumerate(plain["ports"]):
@@ -289,21 +295,21 @@ class Inertia:
         return Rates(u, self._speed * u + self._v0, a, self._k * u + self._r0)
 
     def _product(self, x: Array, y: Array) -> float:
-        """X . M y with the masses of the mounts, mJ (collective)."""
+        """Product x . M y, with the masses of the mounts (collective)."""
         self._set(self._problem.rate, x)
         self._set(self._problem.direction, y)
         mounts = sum(self.own_mass(p) * self._of(x, p) * self._of(y, p) for p in self._ports)
         return self._problem.integrate("inertia work") + mounts
 
     def _total_mass(self) -> float:
-        """Of the body and of the mounts, t (collective)."""
+        """Mass of the body and of the mounts, t (collective)."""
         ones = np.ones_like(self.now.u)
         ones[len(ones) - len(self._ports) :] = 0.0
         body = self._product(ones, ones) / self._problem.kinematics.dim
         return body + sum(self._own.values())
 
     def _reduced(self, rates: Array) -> Any:
-        """Of the reduced unknowns, as a vector."""
+        """The rates of the reduced unknowns, as a vector."""
         map_, found = self._map, self._map.create_vector()
         found.array[: len(map_.free)] = rates[map_.free]
         for port in self._ports:

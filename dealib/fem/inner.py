@@ -1,6 +1,6 @@
-"""What materials remember at the quadrature points of one kind of region, step by step.
+"""Internal variables of one group of regions at its quadrature points, advanced step by step.
 
-It is C_i of each network, and the largest energy so far of a law that softens.
+They are C_i of each network, and the largest energy density so far of a law that softens.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dealib.results.elements import Array
 
 
 class State(NamedTuple):
-    """What a part remembers.
+    """Internal variables of a part.
 
     Attributes:
         C: Isochoric metric, (cells, points, size).
@@ -32,17 +32,17 @@ class State(NamedTuple):
 
 
 class Part:
-    """The solids of one kind of region on this rank, ghosts included.
+    """The cells of one group of regions on this rank, ghosts included.
 
     Attributes:
         group: The regions.
         cells: Rows in the layout, ghosts included.
-        points: Their quadrature points.
-        material: What they are made of.
+        points: Quadrature points of the cells.
+        material: Their material.
         volume: Mesh volume of each quadrature point, (cells, points), mm^3; 0 in ghosts.
-        prestretch: Constant of the solid, or None.
+        prestretch: Pre-stretch of the group, a constant, or None.
         now: The last converged state.
-        terms: History and weight of the step, for each network.
+        terms: History term and weight of the step for each network (see `Evolution.step`).
     """
 
     def __init__(
@@ -63,13 +63,13 @@ class Part:
         return self.volume if p is None else self.volume / float(np.prod(p.value))
 
     def begin(self, ratio: Callable[[Branch], float]) -> None:
-        """Prepare a step of the branches, by its duration over each relaxation time."""
+        """Prepare a step of the branches; `ratio` gives its duration over a relaxation time."""
         C, internal, _ = self.now
         for k, b, rule in self._rules():
             self.terms[k] = rule.step(C, internal[k], ratio(b))
 
     def reform(self, C: Array) -> None:
-        """Prepare a step that ends at a metric, for the network whose clock is the energy."""
+        """Prepare the network of the permanent set for a step that ends at the metric C."""
         inner = self._path(C)[1]
         self.terms[-1] = (evolution.inverted(inner), np.ones(inner.shape[:-1]))
 
@@ -82,11 +82,11 @@ class Part:
 
     @property
     def step(self) -> Array:
-        """The terms, packed, (cells, points, networks, size + 1)."""
+        """The terms in one array, (cells, points, networks, size + 1)."""
         return np.stack([np.concatenate([h, w[..., None]], -1) for h, w in self.terms], axis=2)
 
     def end(self, C: Array) -> State:
-        """State at the end of the step for a metric there."""
+        """State at the end of a step that ends at the metric C, (cells, points, size)."""
         internal = self.now.internal.copy()
         for k, _, rule in self._rules():
             internal[k] = rule.end(*self.terms[k], C)
@@ -98,9 +98,10 @@ class Part:
         return State(C, internal, peak)
 
     def mount(self, end: State) -> None:
-        """Take the end of the pre-stretch as the mounted state, where branches are at rest.
+        """Take the end of the pre-stretch as the mounted state.
 
-        They are relaxed, unless the material is mounted fresh; it softens on the way.
+        Branches are relaxed there, or if the material is mounted fresh, C_i is that of the
+        unstretched state. Softening by the pre-stretch remains.
         """
         at_rest = end.C if self.material.mounted == "relaxed" else self.now.C
         for k, _, _ in self._rules():
@@ -108,9 +109,14 @@ class Part:
         self.now = end
 
     def error(self, duration: float, C: Array, end: Array) -> tuple[float, float]:
-        """Square of how far implicit Euler ends from C_i = `end`, and its weight, as integrals.
+        """Squared distance between implicit Euler and C_i = `end`, and weight, as integrals.
 
-        It bounds the error of the step's second-order rule where steps are small.
+        For small steps the distance bounds the error of the step's second-order rule.
+
+        Args:
+            duration: Of the step, s.
+            C: Isochoric metric at its end.
+            end: C_i at its end, (networks, cells, points, size).
         """
         square = weight = 0.0
         for k, b, rule in self._rules():
@@ -129,13 +135,13 @@ class Part:
         )
 
     def withheld(self, peak: Array) -> float:
-        """Energy that the law has lost by softening, mJ."""
+        """Energy dissipated by softening up to a peak on this rank, mJ."""
         p = self.material.mullins
         return 0.0 if p is None else float((softening.withheld(peak, peak, p) * self.weights).sum())
 
     @property
     def power(self) -> float:
-        """Power dissipated in the branches, mW."""
+        """Power dissipated in this rank's branches, mW."""
         C, internal, _ = self.now
         return sum(
             float(
@@ -147,7 +153,7 @@ class Part:
 
     @property
     def packed(self) -> Array:
-        """What it remembers, (cells, points, entries, size) (see `Viscosity.gather`)."""
+        """Internal variables in one array, (cells, points, entries, size); see `Viscosity`."""
         found = np.moveaxis(self.now.internal, 0, 2)
         if not self.material.softens:
             return found

@@ -1,4 +1,4 @@
-"""Between the distributed state and plain arrays in an order that no partition changes."""
+"""Converts the distributed state to plain arrays, whose order no partition changes, and back."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ _PIECE = 2**24  # bytes that one rank sends at a time
 class Layout:
     """Nodal values by cell on this rank, and the whole mesh on rank 0.
 
-    The columns of nodal values are u by axis, mm, phi, kV, and p, MPa, in the mixed form. Of a
-    sheet phi is the voltage across the layer; in tension fields the components of the excess
-    metric follow (see `materials.wrinkling`).
+    The columns of nodal values are u by axis, mm, phi, kV, and in the mixed form p, MPa. In a sheet
+    phi is the voltage across the layer; in tension fields the components of the excess metric
+    follow (see `materials.wrinkling`).
 
     Attributes:
         cell: Reference cell.
@@ -124,7 +124,7 @@ class Layout:
         return np.asarray(whole[np.searchsorted(every, self._original)])
 
     def owned(self, rows: Any) -> Any:
-        """Those of the rows that this rank owns."""
+        """The rows among the given ones that this rank owns."""
         return rows[self._owned[rows]]
 
     @property
@@ -170,7 +170,7 @@ class Layout:
         return np.array(found)[self._groups]
 
     def add_normals(self, normals: Floats) -> None:
-        """Take directions across films up into the whole mesh (collective)."""
+        """Store directions across films, (rows, points, 3), with the whole mesh (collective)."""
         found = self.gather_cells(normals)
         if self.mesh is not None:
             self.mesh = replace(self.mesh, normals=found)
@@ -207,10 +207,10 @@ class Layout:
         return whole
 
     def _pieces(self, values: Floats) -> Iterator[tuple[Any, Floats]]:
-        """On rank 0 the values of all ranks' own rows, with these rows' places in the whole mesh.
+        """Yield on rank 0 the values of all ranks' own rows and their places in the whole mesh.
 
-        They come rank by rank and a piece at a time: rank 0 never holds a copy of them all. On
-        other ranks nothing comes, but the values leave (collective).
+        They come rank by rank and a piece at a time, so that rank 0 never holds a copy of all.
+        Other ranks send their values and yield nothing (collective).
         """
         mine, comm = values[self._owned], self._comm
         size = max(1, _PIECE // max(1, 8 * int(np.prod(values.shape[1:]))))
@@ -228,7 +228,7 @@ class Layout:
     def scatter(self, values: Floats | None) -> None:
         """Set the state from nodal values of the whole mesh on rank 0 (inverse of `gather`).
 
-        The pressure is fitted to its averages in each cell: a start for Newton, who makes it exact.
+        The pressure is fitted in each cell to its nodal averages, as a start for Newton's method.
         """
         mine = self._hand_out(values)
         w, cells = self._problem.spaces.w, self._cells[self._owned]
@@ -261,7 +261,7 @@ class Layout:
 
 
 def _rows(problem: Problem) -> tuple[Any, Any]:
-    """Cell of each row of nodal values, and its group's number: of a sheet a row for each layer."""
+    """Cell and group number of each row of nodal values; a sheet has a row for each layer."""
     if not problem.kinematics.sheet:
         cells = problem.domain.all_cells
         return cells, np.zeros(len(cells), dtype=np.int64)

@@ -1,4 +1,4 @@
-"""The linear solver, direct or iterative, by blocks where there is air; and the inertia."""
+"""The linear solver: direct or iterative, with the air's mesh as a block; and the inertia."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _MUMPS: dict[str, Any] = {
     "mat_mumps_icntl_7": 5,  # METIS; PORD where MUMPS was built without it
     "mat_mumps_icntl_14": 60,  # room for pivoting, per cent
 }
-_DEFINITE: dict[str, Any] = {  # needs neither
+_DEFINITE: dict[str, Any] = {  # quasi-definite tangents need neither
     "mat_mumps_icntl_8": 0,  # scaling
     "mat_mumps_cntl_1": 0.0,  # pivoting
 }
@@ -47,21 +47,21 @@ _PREFIX = "dealib_inertia_"
 
 
 def set_linear_solver(solver: Any, system: System, symmetric: bool) -> str:
-    """LDL^T, or LU if the body's tangent is not symmetric; with air by blocks; or by iterations.
+    """Set up the linear solver: LDL^T, LU if the tangent is not symmetric, or multigrid.
 
-    Which one is chosen by `dealib.config.linear`.
+    `dealib.config.linear` chooses between a direct and an iterative solver.
 
-    The air's mesh follows the body, which feels it only through the field in the air. So the
-    tangent is nearly block triangular, and a sweep of Gauss-Seidel over the body with the field
-    and then the air's mesh, each factorised for itself, is nearly its inverse.
+    The air's mesh follows the body, which it affects only through the field in the air. So the
+    tangent is nearly block triangular, and one Gauss-Seidel sweep over two blocks, first the body
+    with the field and then the air's mesh, is nearly its inverse. Each block is factorised.
 
-    Where the body is stable, its tangent is definite in the displacement and negative definite in
+    In a stable state the tangent is positive definite in the displacement and negative definite in
     the potential. Such a matrix has an LDL^T in any order of its unknowns (R. J. Vanderbei, SIAM J.
-    Optim. 5 (1995) 100), so that pivots need not be sought. The mixed form has no such blocks, and
-    branches that are followed and modes that are watched lead through unstable states.
+    Optim. 5 (1995) 100), so that no pivoting is needed. This does not hold in the mixed form, nor
+    in the unstable states to which followed branches and watched modes lead.
 
     Returns:
-        What it is, for the log.
+        Description of the solver for the log.
 
     Raises:
         ValueAt: If the memory is too small for a factorisation.
@@ -81,7 +81,7 @@ def set_linear_solver(solver: Any, system: System, symmetric: bool) -> str:
         return f"FGMRES with multigrid, {told}"
     if config.solver.linear == "iterative":
         raise ValueAt(("solver", "linear"), "this PETSc was built without hypre: choose auto")
-    if choice.memory > machine_memory():  # of an own mesh it is not known before
+    if choice.memory > machine_memory():  # for a mesh file this is not known earlier
         raise ValueAt(
             ("solver", "linear"),
             f"{system.q.size:,} unknowns need {told} of memory with a factorisation, and this "
@@ -112,9 +112,10 @@ def set_linear_solver(solver: Any, system: System, symmetric: bool) -> str:
 
 
 def _use(solver: Any, prefix: str, options: dict[str, Any]) -> None:
-    """Give a solver options under a prefix that nothing with other options has.
+    """Set options of a solver, under a prefix of their own.
 
-    PETSc keeps them for the process, and reads some only at the first factorisation.
+    PETSc keeps options for the process and reads some only at the first factorisation, so that no
+    solver with other options may have the same prefix.
     """
     set_options(prefix, options)
     solver.setOptionsPrefix(prefix)
@@ -127,7 +128,7 @@ def factorisation_seconds() -> float:
 
 
 class Factor:
-    """LDL^T of a symmetric matrix with pivoting, which need not be definite.
+    """LDL^T with pivoting of a symmetric matrix, which may be indefinite.
 
     Attributes:
         inertia: Numbers of its negative, zero and positive eigenvalues.
@@ -148,10 +149,10 @@ class Factor:
 
 
 def fixed_tangent(system: System) -> Any:
-    """A copy of the tangent at the current q, with the air's mesh held where it is.
+    """A copy of the tangent at the current q, with the air's mesh held in place.
 
-    Prescribed ports, and with one-way air its mesh, which the body feels by discretisation error
-    only, have rows of the identity.
+    Prescribed ports and displacements of the air's mesh, which affect the body by discretisation
+    errors only, have rows of the identity.
 
     Raises:
         ValueError: If the coupling has no potential, so that its tangent is not symmetric.

@@ -1,14 +1,14 @@
 """Lowest eigenvalues of a state's tangent, and their shapes: the softest modes, and vibrations.
 
-Of K u = x M u, with K the second derivative of the potential. Two M are of use:
+The eigenvalue problem is K u = x M u, with K the second derivative of the potential, and M either
 
-- That of u.u / 2, averaged over the mounted volume of what carries stress: x, in N/mm, is twice the
-  energy that a mode of 1 mm (root mean square) takes. It tells where a device gets unstable.
-- The mass, in t: x, in 1/s^2, is the square of an angular frequency, below zero of the square of a
+- the matrix of u.u averaged over the mounted volume of all materials: x, in N/mm, is twice the
+  energy of a mode of 1 mm root mean square, and is negative for an unstable mode;
+- or the mass, in t: x, in 1/s^2, is the square of an angular frequency, or minus the square of a
   growth rate.
 
-M is zero for the potential, the pressure and the ports that no displacement follows: the tangent's
-saddle form eliminates these.
+M is zero for the potential, the pressure and the ports without displacements; these are eliminated
+through the saddle-point form of the tangent.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from dealib.fem.linear import Factor
 from dealib.fem.system import System
 
 Array = npt.NDArray[np.float64]
-_BELOW, _WIDER = 2.0, 4.0  # a first shift below the lowest one, and how it grows
+_BELOW, _WIDER = 2.0, 4.0  # first shift over the nearest eigenvalue, and its growth factor
 _TOLERANCE = 1e-10  # relative, of 1 / (x - shift)
-_ALIKE = 0.5  # (u.M v)^2 of two modes that are taken for the same
+_ALIKE = 0.5  # least (u.M v)^2 of two modes that count as the same
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Modes:
     """The lowest modes of a state.
 
     Attributes:
-        unstable: Number of independent motions that lower the potential.
+        unstable: Number of unstable modes, that is of independent motions that lower the potential.
         values: x of each mode, ascending.
         shapes: Reduced vectors u with u.M u = 1, the same on every rank: (modes, unknowns).
         momenta: M u, likewise.
@@ -48,12 +48,15 @@ class Modes:
     momenta: Array
 
     def first(self, count: int) -> Modes:
-        """So many of them."""
+        """The first modes, as many as asked for."""
         parts = {name: getattr(self, name)[:count] for name in ("values", "shapes", "momenta")}
         return replace(self, **parts)
 
     def again(self, other: Modes) -> Modes:
-        """Those of others that are most like these; x of those that are not found again is NaN."""
+        """These modes in another state: its modes with the most similar shapes.
+
+        Where there is no similar one, the value is NaN and the shape remains.
+        """
         from scipy.optimize import linear_sum_assignment
 
         like = (self.momenta @ other.shapes.T) ** 2
@@ -70,14 +73,14 @@ class Modes:
 def lowest(tangent: Any, mass: Any, concave: int, count: int) -> Modes:
     """The lowest modes of a tangent (collective).
 
-    A shift below the lowest eigenvalue makes that the nearest one. Where there are unstable modes,
-    it is found by the factors' number of negative pivots.
+    ARPACK finds the eigenvalues nearest to a shift, which must lie below the lowest one. If there
+    are unstable modes, the number of negative pivots tells whether it does.
 
     Args:
         tangent: K of the reduced unknowns, symmetric (see `fixed_tangent`).
         mass: M.
-        concave: Number of unknowns in which the potential is concave.
-        count: How many modes.
+        concave: Number of unknowns in which the potential is concave (see `Newton.concave`).
+        count: Number of modes.
     """
     factor, shift = Factor(tangent), 0.0
     unstable, neutral = factor.inertia[0] - concave, factor.inertia[1]
@@ -94,7 +97,7 @@ def _nearest(
 ) -> tuple[Array, Array, Array]:
     """Eigenvalues nearest to a shift, their vectors u in rows, and M u, the same on every rank.
 
-    ARPACK runs on every rank on whole vectors; products and solutions are shared out.
+    ARPACK runs on every rank with whole vectors; products and solutions are distributed.
     """
     from scipy.sparse.linalg import LinearOperator, eigsh
 
@@ -122,7 +125,7 @@ def _nearest(
 
 
 def averaged(system: System) -> Any:
-    """M of u.u / 2, averaged over the mounted volume (collective); prescribed ports have none."""
+    """M of u.u averaged over the mounted volume (collective); zero rows for prescribed ports."""
     problem, map_ = system.problem, system.map
     matrix = system.matrix.duplicate(copy=False)
     matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)

@@ -28,13 +28,13 @@ _FIELD: dict[str, Any] = {"pc_type": "hypre"}
 class Multigrid:
     """Preconditioner of PETSc's type `python`: a sweep of Gauss-Seidel over two blocks.
 
-    Each block is one V-cycle of BoomerAMG. The displacement's block tells multigrid which component
-    an unknown is of: every node has all of them, and what is held is an identity row there. A
-    mount is a node too, of which one component moves. The potential's block is negative definite
-    and is taken with the other sign; terminals without a given voltage belong to it. Other ports
-    must be prescribed: their rows are identities already.
+    Each block is one V-cycle of BoomerAMG. In the displacement's block every node has all
+    components, so that the block size tells multigrid the component of an unknown; fixed components
+    are identity rows. A mount is a node too, of which one component moves. The potential's block is
+    negative definite and is taken with the opposite sign; terminals without a given voltage belong
+    to it. Other ports must be prescribed; their rows are identities already.
 
-    It keeps no reference to the system, which PETSc would keep alive.
+    It holds no reference to the system, since PETSc would keep that alive.
 
     Args:
         system: The system, of a solid in three dimensions.
@@ -68,14 +68,14 @@ class Multigrid:
         self._field = _Block(rows, field, every, len(field), *(1, -1.0, _PREFIX + "field_", _FIELD))
 
     def setUp(self, pc: Any) -> None:
-        """Take the blocks out of the tangent and set multigrid up (called by PETSc)."""
+        """Extract the blocks from the tangent and set multigrid up (called by PETSc)."""
         with EVENT:
             self._set_up(pc)
 
     def destroy(self, pc: Any = None) -> None:
-        """Destroy what it has made (called by PETSc, and before it is made anew).
+        """Destroy its PETSc objects (called by PETSc, and before they are created anew).
 
-        Dropped only, it would come to PETSc's garbage while that is being collected.
+        Objects that were only dropped would enter PETSc's garbage while it is being collected.
         """
         for old in (self._rest, self._matrix):
             if old is not None:
@@ -94,12 +94,12 @@ class Multigrid:
         whole = csr_matrix((values, indices, indptr), (len(indptr) - 1, self._matrix.size[1]))
         for block in blocks:
             block.extract(whole)
-        del indptr, indices, values, whole  # multigrid needs the room
+        del indptr, indices, values, whole  # multigrid needs the memory
         for block in blocks:
             block.set_up()
 
     def apply(self, pc: Any, given: Any, found: Any) -> None:
-        """Displacement first, then the potential with what is left (called by PETSc)."""
+        """Solve for the displacement, then with the residual for the potential; PETSc calls it."""
         with EVENT:
             given.copy(found)
             found.array[self._body.rows] = found.array[self._field.rows] = 0.0
@@ -120,20 +120,20 @@ def _components(problem: Problem) -> Ints:
 
 
 class _Block:
-    """Some unknowns in another order, with multigrid for their part of a matrix.
+    """Some unknowns in another order, with multigrid for their block of a matrix.
 
     Attributes:
         rows: Local numbers of the unknowns.
 
     Args:
-        numbering: Of all unknowns.
+        numbering: The constraint map.
         rows: Local numbers of the unknowns.
-        places: Local number of each in the block.
-        count: Places on this rank; those of no unknown are identity rows.
+        places: Local number of each unknown in the block.
+        count: Rows of the block on this rank; those without an unknown are identity rows.
         size: Components of a node.
-        sign: Of the block.
-        prefix: Of PETSc's options.
-        options: These options.
+        sign: Factor of the block.
+        prefix: Prefix of the options.
+        options: PETSc's options.
     """
 
     def __init__(
@@ -162,7 +162,7 @@ class _Block:
         self._pc: Any = None
 
     def extract(self, whole: Any) -> None:
-        """Take the block out of a matrix.
+        """Extract the block from a matrix.
 
         Args:
             whole: This rank's rows, columns numbered over all ranks.
@@ -180,7 +180,7 @@ class _Block:
         block = csr_matrix((self._sign * part.data[kept], columns[kept], indptr), shape)
         diagonal = block.diagonal(self._first)
         unit = float(np.abs(diagonal).mean()) if len(diagonal) else 1.0
-        # where nothing moves; and the identity rows of prescribed ports, which the sign has turned
+        # rows without an unknown; and identity rows of prescribed ports, to which the sign applied
         turned = np.where((diagonal < 0) & (self._sign < 0), -2 * diagonal, 0.0)
         places = np.arange(self._count)
         more = (np.where(known, turned, unit), (places, self._first + places))
@@ -199,7 +199,7 @@ class _Block:
         self._given, self._found = self._matrix.createVecs()
 
     def destroy(self) -> None:
-        """Destroy what belongs to a tangent."""
+        """Destroy the PETSc objects of a tangent."""
         if self._pc is not None:
             for old in (self._pc, self._matrix, self._given, self._found):
                 old.destroy()

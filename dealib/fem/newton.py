@@ -1,8 +1,7 @@
-"""Newton's method by PETSc SNES: judged field by field, with tangents that serve again."""
+"""Newton's method by PETSc SNES, with a convergence test for each field and reused tangents."""
 
 from __future__ import annotations
 
-import logging
 import math
 import weakref
 from collections.abc import Callable
@@ -10,12 +9,9 @@ from typing import Any
 
 from petsc4py import PETSc
 
-import numpy as np
-
 from dealib.config.schema import Config
 from dealib.errors import NotConverged
 from dealib.fem.compat import DIVERGED_NAN, free
-from dealib.fem.constraints import FIELDS
 from dealib.fem.linear import (
     Factor,
     factorisation_seconds,
@@ -26,26 +22,23 @@ from dealib.fem.linear import (
 from dealib.fem.modes import Modes, averaged, lowest
 from dealib.fem.problem import Problem
 from dealib.fem.system import System, Timings
-from dealib.fem.tolerances import Tolerances
-
-log = logging.getLogger(__name__)
+from dealib.fem.tolerances import Judge
 
 _OPTIONS: dict[str, Any] = {"snes_type": "newtonls", "snes_linesearch_type": "basic"}
-_FITS = 0.1  # of an answer, at most, may its correction be
-_SURE = 0.01  # of the tolerance: nothing is left to correct
-_REUSE = 0.1  # of the residual, at most, may an iteration leave for its tangent to serve again
-_EXACT = 1e-12  # of a linear solution that nothing corrects afterwards
-_FOLDING = 5  # times as many iterations in tension fields, whose tangent jumps
-_ROUNDING = 1e4  # how far above the tolerance rounding may keep the residual
-_MANY = 10_000  # steps of SNES, of which `_test` allows some
-_EXTERNAL = 76  # PETSc's error of a library: MUMPS, where whole rows of the tangent are zero
-_SINGULAR = "the tangent is singular: a part is held by nothing, or not yet by any tension"
-_STALLED = "the iterative linear solver did not converge; solver.linear: direct may"
+_FITS = 0.1  # largest correction of a rate over the rate, for a tangent that fits
+_SURE = 0.01  # residual over tolerance below which no correction is needed
+_REUSE = 0.1  # largest ratio of residuals of an iteration whose tangent is used again
+_EXACT = 1e-12  # tolerance of a linear solution that is not corrected afterwards
+_FOLDING = 5  # times as many iterations in tension fields, whose tangent is discontinuous
+_MANY = 10_000  # limit for SNES, which `_test` never reaches
+_EXTERNAL = 76  # PETSc's code for errors of MUMPS, as where whole rows of the tangent are zero
+_SINGULAR = "the tangent is singular: a part is not held, or a slack film does not hold it yet"
+_STALLED = "the iterative linear solver did not converge; try solver.linear: direct"
 Reason = PETSc.SNES.ConvergedReason
 
 
 class Singular(NotConverged):
-    """The tangent cannot be factored at all; PETSc's solver is of no use any more."""
+    """The tangent cannot be factorised; PETSc's solver is unusable afterwards."""
 
 
 class Newton:
@@ -54,28 +47,28 @@ class Newton:
     Attributes:
         system: The system.
         iterations: Iterations of the last solve, without corrections (see `solve`).
-        linear_solves: Linear systems that it solved, corrections included.
-        linear_iterations: Iterations in these, one each where it factorises.
+        linear_solves: Linear systems of the last solve, corrections included.
+        linear_iterations: Linear iterations of the last solve; one for each direct solution.
         total: Iterations of all solves.
         factored: Whether there is a tangent, of some state.
-        iterative: Whether linear systems are solved by iterations.
-        usable: Whether PETSc's solver can go on; not after a tangent without a factorisation.
-        linear_solver: What it is, and its memory.
+        iterative: Whether the linear solver is iterative.
+        usable: Whether PETSc's solver can go on, as it cannot after `Singular`.
+        linear_solver: Description of the linear solver and its memory.
 
     Args:
         problem: The problem.
-        timings: Where times are added.
-        symmetric: Whether no port's equation sums the values of several ports.
+        timings: Timings to which times are added.
+        symmetric: False if a port's equation sums the values of several ports.
     """
 
     def __init__(self, problem: Problem, timings: Timings, symmetric: bool = True) -> None:
-        free(problem.domain.comm)  # what earlier simulations left
+        free(problem.domain.comm)  # objects of earlier simulations
         self.system = System(problem, timings)
         self._snes = PETSc.SNES().create(problem.domain.comm)
         self._snes.setFunction(_weak(self._residual), self.system.residual_vector)
         self._snes.setJacobian(_weak(self._tangent), self.system.matrix)
         self._snes.setConvergenceTest(_weak(self._test))
-        # `_test` alone decides; PETSc 3.25 would take a failed line search for a small step
+        # `_test` alone decides; PETSc 3.25 would take a failed line search for convergence
         self._snes.setTolerances(stol=0.0, max_it=_MANY)
         self._ksp = self._snes.getKSP()
         self._ksp.setOperators(self.system.matrix)
@@ -90,15 +83,14 @@ class Newton:
     def _start(self, timings: Timings) -> None:
         self.timings, problem = timings, self.system.problem
         self.iterations = self.linear_solves = self.linear_iterations = self.total = 0
-        self._tolerances = Tolerances.of(problem)
+        self._judge = Judge(self.system)
         self._most = _iterations(problem.config)
         self.factored = False
         self._logged = factorisation_seconds()
-        self._norms, self._worst_port = np.zeros(len(FIELDS)), 0.0
         self._size, self._again = math.inf, False
 
     def restart(self) -> None:
-        """Start as a new one with the numbers that the problem has now (see `Reuse`)."""
+        """Start anew with the current numbers of the problem (see `Reuse`)."""
         free(self.system.map.comm)
         timings = Timings()
         self.system.restart(timings)
@@ -107,8 +99,8 @@ class Newton:
     def solve(self) -> int:
         """Solve from the current q; returns the number of iterations.
 
-        Where a new tangent leaves little of the residual, it serves again for corrections, at a
-        sixth of the cost, as long as they converge; these are not counted.
+        If an iteration reduces the residual strongly, its tangent is used again for corrections, at
+        a sixth of the cost, as long as they converge. Corrections are not counted.
 
         Raises:
             NotConverged: With the reason; q is then meaningless.
@@ -129,19 +121,19 @@ class Newton:
         if reason < 0:
             known = {
                 Reason.DIVERGED_MAX_IT: "no convergence within the iterations allowed",
-                DIVERGED_NAN: "an element turned inside out",
+                DIVERGED_NAN: "an element is inverted, or a law has no energy there",
                 Reason.DIVERGED_LINEAR_SOLVE: _STALLED if self.iterative else _SINGULAR,
             }
-            raise NotConverged(self._told(known.get(reason, f"SNES reason {reason}")))
+            raise NotConverged(self._judge.told(known.get(reason, f"SNES reason {reason}")))
         if self.system.problem.locked():
             raise NotConverged("a law locks: it is stretched to 99 % of its limit")
         return self.iterations
 
     def answer(self) -> Any:
-        """How q answers to inputs that have changed a little; None if the tangent at hand is other.
+        """Linear change of q after a small change of the inputs; None if the tangent does not fit.
 
-        Of two back-substitutions the second one corrects the first, and tells whether the tangent
-        is that of this state and of these equations of the ports.
+        It takes two back-substitutions with the last tangent. The second one corrects the first,
+        and is small if that tangent is the one of this state and of these equations of the ports.
         """
         system, sizes = self.system, []
         at, part, right = system.q.copy(), system.q.duplicate(), system.q.duplicate()
@@ -158,7 +150,7 @@ class Newton:
         return at
 
     def assemble(self) -> None:
-        """The tangent at the state of the last residual; PETSc factorises it when it is needed."""
+        """Assemble the tangent at the last residual; PETSc factorises it when it is needed."""
         self.system.tangent(self.system.matrix)
         self.factored = True
 
@@ -168,9 +160,9 @@ class Newton:
         return factorisation_seconds() - self._logged
 
     def responses(self, *ports: str) -> list[Any]:
-        """Rates of q as the right-hand side of a port's equation grows (collective).
+        """Derivatives of q by the right-hand sides of ports' equations (collective).
 
-        One tangent at the current q, one back-substitution a port.
+        They take one tangent at the current q, and one back-substitution for each port.
 
         Args:
             ports: The ports; default all.
@@ -192,20 +184,21 @@ class Newton:
         return Factor(fixed_tangent(self.system)).inertia
 
     def unstable_modes(self) -> int:
-        """Number of independent motions that lower the potential, under the ports' equations."""
+        """Number of unstable modes under the ports' equations (collective)."""
         return self.inertia()[0] - self.concave
 
     def softest_modes(self, count: int) -> Modes:
-        """Modes of the least energy at the current q, under the ports' equations (collective)."""
+        """Modes of least stiffness at the current q under the ports' equations (collective)."""
         tangent = fixed_tangent(self.system)
         return lowest(tangent, averaged(self.system), self.concave, count)
 
     @property
     def concave(self) -> int:
-        """Number of unknowns in which the potential is concave: phi, pressure (collective).
+        """Number of unknowns in which the potential is concave (collective).
 
-        Of the tangent's negative eigenvalues each free one accounts for one, and the rest are those
-        of the condensed mechanical tangent (Haynsworth, Linear Algebra Appl. 1 (1968) 73).
+        They are phi, the pressure, and free ports of negative sign. Each accounts for one negative
+        eigenvalue of the tangent; the others are those of the condensed mechanical tangent
+        (Haynsworth, Linear Algebra Appl. 1 (1968) 73).
         """
         system = self.system
         mine = sum(len(system.map.numbers(field)) for field in ("potential", "pressure"))
@@ -213,14 +206,14 @@ class Newton:
         return int(system.map.comm.allreduce(mine) + sum(p.kind.sign < 0 for p in free))
 
     def linearise(self) -> None:
-        """Make the tangent at the current state ready for steps from it (collective)."""
+        """Assemble the tangent at the current q (collective)."""
         self.system.residual(self.system.q, self.system.residual_vector)
         self.assemble()
 
     def step_from(self, q: Any) -> None:
-        """Take the state one step of Newton's method from another one (collective).
+        """Set q to one Newton step from another state (collective).
 
-        The tangent is that of `linearise`, of the problem as it was then.
+        The tangent is that of the last `linearise`.
         """
         system, found = self.system, q.duplicate()
         system.residual(q, system.residual_vector)
@@ -231,7 +224,7 @@ class Newton:
         system.residual(system.q, system.residual_vector)
 
     def polish(self) -> None:
-        """Correct the state once more, beyond the tolerance; rounding may stop it (collective)."""
+        """Correct q by one more Newton step if that reduces the residual (collective)."""
         system, kept = self.system, self.system.q.copy()
         self.linearise()
         before = system.residual_vector.norm()
@@ -241,13 +234,13 @@ class Newton:
             system.residual(system.q, system.residual_vector)
 
     def solve_linear(self, right: Any, found: Any) -> None:
-        """Solve with the last tangent; Newton corrects a coarse solution, nothing corrects this.
+        """Solve with the last tangent to rounding, since no iteration corrects the solution.
 
         Raises:
-            NotConverged: If an iterative solver does not come so far.
+            NotConverged: If an iterative solver does not converge so far.
         """
         solver, kind, coarse = self._ksp, self._ksp.getType(), self._ksp.getTolerances()[0]
-        if solver.getPC().getType() == "fieldsplit":  # one sweep over them is nearly exact
+        if solver.getPC().getType() == "fieldsplit":  # one sweep over its blocks is nearly exact
             solver.setType("gmres")
         solver.setTolerances(rtol=_EXACT)
         solver.solve(right, found)
@@ -262,25 +255,27 @@ class Newton:
         self.system.residual(q, out)
 
     def _tangent(self, _snes: Any, _q: Any, _matrix: Any, _preconditioner: Any) -> None:
-        if not self._again:  # else PETSc keeps the factors, as the matrix is what it was
+        if not self._again:  # otherwise the matrix is unchanged, and PETSc keeps its factors
             self.assemble()
             self.iterations += 1
-        self.system.eliminate(self.system.residual_vector)  # SNES evaluates it anew after the step
+        # SNES evaluates the residual anew after the step
+        self.system.eliminate(self.system.residual_vector)
 
     def _test(self, _snes: Any, iteration: int, _norms: tuple[float, float, float]) -> Any:
-        """Every field and every port within its own tolerance; if not, may the tangent serve again?
+        """Test convergence, and decide whether the tangent is used again.
 
-        A correction that makes the residual grow is taken back. A residual just within its
-        tolerance is corrected once more, for works and energies that are compared.
+        A correction that makes the residual grow is taken back. A residual that is just within its
+        tolerance is corrected once more, since works and energies are compared in the balance.
         """
-        before, corrected, size = self._size, self._again, self._judge()
+        before, corrected = self._size, self._again
+        size = self._judge.size(self.iterations)
         if size == math.inf:
             return DIVERGED_NAN
         if corrected and size > before > 1:
             self.system.q.axpy(1.0, self._snes.getSolutionUpdate())
             self._residual(None, self.system.q, self.system.residual_vector)
-            size = self._judge()
-        met = self._met(moved=iteration > 0)
+            size = self._judge.size(self.iterations)
+        met = self._judge.met(self._snes.getSolutionUpdate() if iteration > 0 else None)
         self._size, self._again = size, iteration > 0 and size <= _REUSE * before
         if met and not (self._again and size > _SURE and before > 1):
             return Reason.CONVERGED_FNORM_ABS
@@ -288,66 +283,18 @@ class Newton:
             return Reason.DIVERGED_MAX_IT
         return Reason.ITERATING
 
-    def _judge(self) -> float:
-        """The residual's largest part over what is tolerated, infinite if undefined."""
-        system, residual = self.system, self.system.residual_vector
-        self._norms = system.field_norms(residual)
-        ports = system.map.port_values(residual)
-        if log.isEnabledFor(logging.DEBUG):
-            shown = [*zip(FIELDS, self._norms, strict=True), *ports.items()]
-            log.debug(
-                "  %2d  %s", self.iterations, "  ".join(f"{k} {abs(v):.1e}" for k, v in shown)
-            )
-        limits = self._tolerances.of_ports(system.ports)
-        self._worst_port = max((abs(ports[n]) / limit for n, limit in limits.items()), default=0.0)
-        size = max(self._worst_field, self._worst_port)
-        return size if math.isfinite(size) else math.inf
-
-    @property
-    def _worst_field(self) -> float:
-        return float((self._norms / self._tolerances.fields).max())
-
-    def _met(self, moved: bool = True) -> bool:
-        """Whether every field and every port is within its own tolerance.
-
-        Args:
-            moved: Whether there was a step, that could have been negligible.
-        """
-        if not self._worst_port <= 1:
-            return False
-        near = moved and self._worst_field <= _ROUNDING
-        return self._worst_field <= 1 or (near and self._step_is_negligible())
-
-    def _told(self, what: str) -> str:
-        """A failure, and where it is worst."""
-        worst = ", ".join(
-            f"{name} {norm / limit:.1e}"
-            for name, norm, limit in zip(FIELDS, self._norms, self._tolerances.fields, strict=True)
-            if not norm <= limit
-        )
-        return f"{what} (residual over tolerance: {worst or 'ports'})"
-
-    def _step_is_negligible(self) -> bool:
-        """Whether the last step was so small that the next one cannot matter.
-
-        Near incompressibility the residual cannot fall below its own rounding error, of the order
-        of the bulk modulus; Newton's step still shows that the state is exact.
-        """
-        step = self.system.field_norms(self._snes.getSolutionUpdate())
-        return bool((step <= self._tolerances.steps).all())
-
 
 def _iterations(config: Config) -> int:
-    """Most iterations; what wrinkles is found among them."""
+    """Largest number of iterations; tension fields need more."""
     folding = config.physics.wrinkling == "tension_field"
     return config.solver.max_iterations * (_FOLDING if folding else 1)
 
 
 def _weak(method: Callable[..., Any]) -> Callable[..., Any]:
-    """A callback that does not keep its object, and with it the mesh and MPI's communicators.
+    """A callback that does not keep its object alive, nor the mesh and its communicator with it.
 
-    PETSc holds callbacks where Python's collector does not see them: bound methods would make a
-    cycle that is never freed.
+    PETSc holds callbacks where Python's garbage collector does not see them, so that bound methods
+    would make a cycle that is never freed.
     """
     found = weakref.WeakMethod(method)
 

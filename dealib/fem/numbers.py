@@ -1,7 +1,7 @@
-"""The numbers of a problem: what tells it from that of a slightly other config.
+"""The numbers of a problem, which alone distinguish it from that of a slightly changed config.
 
-Equations are compiled for a kind of problem. Moduli, thicknesses, and where the mesh's nodes are,
-are numbers in them: with those of another config the same problem gives that config's residuals.
+Equations are compiled for a kind of problem. Moduli, thicknesses and nodal coordinates are numbers
+in them: with the numbers of another config the same problem gives that config's residuals.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ _OUTSIDE = ("program", "limits", "sensing", "stop_when")  # sections that no equ
 
 @dataclass
 class Numbers:
-    """What a problem has besides its equations.
+    """All data of a problem besides its equations.
 
     Attributes:
         config: The config.
         device: Its device.
         nodes: Coordinates of the mesh's nodes on this rank, mm.
         constants: Values of the constants.
-        values: Values of the functions that the equations read, internal states among them.
-        thicknesses: Of the layers of a sheet, mm.
+        values: Values of the functions in the equations, with the internal variables.
+        thicknesses: Thicknesses of the layers of a sheet, mm.
         platforms: Rigid mounts.
         reform: See `Problem`.
     """
@@ -52,7 +52,7 @@ class Numbers:
 
     @classmethod
     def of(cls, problem: Problem) -> Numbers:
-        """Those that a problem has now."""
+        """The current numbers of a problem."""
         constants, functions = problem.data
         return cls(
             config=problem.config,
@@ -66,7 +66,7 @@ class Numbers:
         )
 
     def put(self, problem: Problem) -> None:
-        """Give them to a problem."""
+        """Set them in a problem."""
         constants, functions = problem.data
         problem.config, problem.domain.device = self.config, self.device
         problem.domain.mesh.geometry.x[:] = self.nodes
@@ -79,7 +79,7 @@ class Numbers:
         problem.constraints.platforms, problem.reform = self.platforms, self.reform
 
     def take(self, problem: Problem) -> None:
-        """Keep what a program has changed in a problem since it was given these numbers."""
+        """Update them from a problem whose load program has changed them."""
         constants, functions = problem.data
         self.constants = [np.array(c.value) for c in constants]
         self.values = [f.x.array.copy() for f in functions]
@@ -87,7 +87,7 @@ class Numbers:
 
     @contextmanager
     def placed(self, problem: Problem) -> Iterator[None]:
-        """Give them to a problem for a while; what changes meanwhile is kept here."""
+        """A context in which a problem has these numbers; changes in it are kept here."""
         before = Numbers.of(problem)
         self.put(problem)
         try:
@@ -98,7 +98,7 @@ class Numbers:
 
 
 class Sources:
-    """Finds the numbers of configs that are nearly that of a problem (collective).
+    """Finds the numbers of configs that differ slightly from that of a problem (collective).
 
     Args:
         problem: The problem, before it is solved.
@@ -127,14 +127,14 @@ class Sources:
             x[:] = self._at_rest.nodes
         for one, other in zip(_shapes(found), _shapes(self._at_rest), strict=True):
             if one != other:
-                raise ConfigError("it changes the equations themselves")
+                raise ConfigError("a small change of it changes the equations themselves")
         laws = {name: material.fixed for name, material in config.materials.items()}
         if any(problem.config.materials[name].fixed != law for name, law in laws.items()):
             raise ConfigError("it is an exponent, for which the equations are compiled")
         return found
 
     def _nodes(self, config: Config) -> Array:
-        """Where the mesh's nodes on this rank are."""
+        """Coordinates of the mesh's nodes on this rank for a config, (nodes, 3), mm."""
         own, known = self._problem.config, self._at_rest.nodes
         if (config.geometry, config.terminals) == (own.geometry, own.terminals):
             return known
@@ -149,7 +149,7 @@ class Sources:
         drawn = self._drawing.nodes[index]
         same = len(known) == len(index) and np.allclose(drawn, known, rtol=0, atol=1e-12)
         if not comm.allreduce(bool(same), op=MPI.LAND):
-            raise ConfigError("the nodes of its mesh are not where they were drawn")
+            raise ConfigError("Gmsh gives the mesh other nodes when it is made again")
         return np.asarray(moved[index])
 
     @property

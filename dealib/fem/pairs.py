@@ -1,10 +1,10 @@
-"""Symmetric systems with complex factors, solved in real numbers.
+"""Complex symmetric systems, solved in real numbers.
 
 (A + iB) X = F with real symmetric A and B and a real right-hand side is
 
     [[A, -B], [-B, -A]] (Re X, Im X) = (Re F, -Im F),
 
-symmetric, with real and imaginary part of each unknown side by side.
+which is symmetric. Real and imaginary part of each unknown stand side by side.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ _OPTIONS: dict[str, Any] = {
 
 
 class Pairs:
-    """Sums of real matrices with complex factors, as symmetric ones of pairs of real numbers.
+    """Solves systems whose matrix is a sum of real matrices with complex factors.
 
     Args:
-        parts: The matrices, by name; rows of prescribed unknowns are those of the identity in one
-            of them, and zero in the others.
+        parts: The real symmetric matrices by name. Rows of prescribed unknowns are those of the
+            identity in one of them, and zero in the others.
     """
 
     def __init__(self, parts: dict[str, Any]) -> None:
@@ -73,7 +73,12 @@ class Pairs:
         self._solver.setFromOptions()
 
     def solve(self, factors: dict[str, complex], right: Any) -> tuple[Any, Any]:
-        """Real and imaginary part of the solution for a real right-hand side (collective)."""
+        """Real and imaginary part of the solution for a real right-hand side (collective).
+
+        Args:
+            factors: Factor of each matrix.
+            right: The right-hand side.
+        """
         data, up, low = self._data, self._upper, self._lower
         A = sum(complex(factors[name]).real * values for name, values in self._values.items())
         B = sum(complex(factors[name]).imag * values for name, values in self._values.items())

@@ -1,4 +1,4 @@
-"""The reduced matrix with just the entries that can be other than zero."""
+"""Creates the reduced matrix with only those entries that can differ from zero."""
 
 from __future__ import annotations
 
@@ -19,11 +19,12 @@ _CHUNK = 10_000  # nodes whose neighbours are counted at a time
 def create_matrix(problem: Problem, assemble: Callable[[Any], None]) -> Any:
     """An empty reduced matrix whose pattern comes from a generic state (collective).
 
-    No entry vanishes there by chance. Later assemblies skip exact zeros, which lie outside it.
+    In a generic state no entry vanishes by chance. Later assemblies skip exact zeros, which may lie
+    outside the pattern.
 
     Args:
-        problem: The problem; its state is as before afterwards.
-        assemble: Adds the tangent at the problem's state.
+        problem: The problem; its state is restored.
+        assemble: Adds the tangent at the problem's state to a matrix.
     """
     map_, w = problem.constraints, problem.spaces.w
     saved = w.x.array.copy()
@@ -52,9 +53,9 @@ def create_matrix(problem: Problem, assemble: Callable[[Any], None]) -> Any:
 
 
 def _row_bounds(problem: Problem, map_: ConstraintMap) -> tuple[Any, Any]:
-    """Entries that a row can have, in this rank's columns and elsewhere; a port's may be full.
+    """Bounds of a row's entries, in this rank's columns and in others; rows of ports may be full.
 
-    A row that outgrows its bound makes PETSc copy the whole matrix, again and again.
+    A row that exceeds its bound makes PETSc copy the whole matrix again and again.
     """
     owned, ports, total = map_.owned, len(map_.ports), map_.comm.allreduce(map_.owned)
     here = np.full(owned, 16, dtype=np.int32)

@@ -1,8 +1,8 @@
-"""Rigid mounts: what their ports' values do to the displacements of the parts fixed to them.
+"""Rigid mounts: displacements of the parts that are fixed to them, from the values of their ports.
 
-A part moves x = c + d + R (X - c), with R = exp [r] the finite rotation by the vector r about the
-centre c; of one turn alone r is its angle. Duals of d are forces. Those of r are moments about c
-for turns about one axis, and otherwise what does work on the components of r.
+A part moves to x = c + d + R (X - c), with the finite rotation R = exp [r] by the rotation vector r
+about the centre c. The duals of d are forces. Those of r are moments about c if the part turns
+about one axis only, and otherwise the work conjugates of the components of r.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ _SPIN = np.array([np.cross(axis, np.eye(3)).T for axis in np.eye(3)])  # [e_i], 
 def rotation(r: Array) -> tuple[Array, Array, Array]:
     """R of a rotation vector, and its first and second derivatives by its components.
 
-    R = 1 + a W + b W^2 with W = [r], a = sin t / t, b = (1 - cos t) / t^2 and t = |r| (Rodrigues);
-    a and b are series in t^2, so that nothing is singular where t vanishes.
+    R = 1 + a W + b W^2 with W = [r], a = sin t / t, b = (1 - cos t) / t^2 and t = |r| (Rodrigues).
+    The series of a and b in t^2 are regular where t vanishes.
 
     Returns:
         Of shapes (3, 3), (3, 3, 3) and (3, 3, 3, 3), components of r first.
@@ -54,15 +54,15 @@ def rotation(r: Array) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True)
 class Platform:
-    """The displacements that follow a rigid mount, in a flat order of this rank.
+    """A rigid mount and the degrees of freedom on this rank that follow it.
 
     Attributes:
-        ports: Names of its ports: along each axis of the space, then about each axis of turns.
-        axes: Axis of each of them in space, 0 to 2.
-        shifts: How many of them are displacements.
-        dofs: Degrees of freedom, ghosts included.
-        component: Axis in space of each.
-        arms: X - c of each, mm, (dofs, 3).
+        ports: Names of its ports: displacements along the axes of the space, then turns.
+        axes: Axis of each port in space, 0 to 2.
+        shifts: Number of ports that are displacements.
+        dofs: Degrees of freedom of displacements, ghosts included.
+        component: Axis in space of each degree of freedom.
+        arms: X - c at each degree of freedom, mm, (dofs, 3).
         centre: c in the space's axes, mm.
     """
 
@@ -85,7 +85,7 @@ class Platform:
         return np.asarray(moved[..., np.arange(len(self.component)), self.component])
 
     def displacements(self, values: Mapping[str, float]) -> Array:
-        """Of its degrees of freedom at values of the ports, mm."""
+        """Displacements of its degrees of freedom at values of the ports, mm, (dofs,)."""
         d = np.zeros(3)
         for port, axis in list(zip(self.ports, self.axes, strict=True))[: self.shifts]:
             d[axis] = values[port]
@@ -93,7 +93,7 @@ class Platform:
         return self._own(d + self.arms @ (R - np.eye(3)).T)
 
     def directions(self, values: Mapping[str, float]) -> Array:
-        """Their derivatives by each port, (ports, dofs)."""
+        """Derivatives of `displacements` by each port, (ports, dofs)."""
         shifts = np.eye(3)[list(self.axes[: self.shifts])]
         slopes = rotation(self._turn(values))[1][list(self.axes[self.shifts :])]
         turned = np.einsum("iab,nb->ina", slopes, self.arms)
@@ -101,11 +101,11 @@ class Platform:
         return self._own(np.concatenate([still, turned]))
 
     def curvature(self, values: Mapping[str, float], forces: Array) -> Array:
-        """Second derivatives of the work of constant forces on them, (ports, ports).
+        """Second derivatives by the ports of the work of constant forces, (ports, ports).
 
         Args:
-            values: Of the ports.
-            forces: On its degrees of freedom; this rank's share.
+            values: Values of the ports.
+            forces: Forces on its degrees of freedom, this rank's share, N.
         """
         turns = list(self.axes[self.shifts :])
         bends = rotation(self._turn(values))[2][np.ix_(turns, turns)]

@@ -41,7 +41,7 @@ from dealib.units import EPSILON_0
 
 @dataclass
 class Problem:
-    """Everything that is fixed during a run.
+    """The discrete problem: mesh, spaces, constraints and energies, which last for a run.
 
     Attributes:
         config: The config.
@@ -51,18 +51,18 @@ class Problem:
         groups: Regions that share energies.
         elastic: Elastic energies.
         electric: Electric energies.
-        loads: Energies of ports that no degree of freedom follows, with the port's name.
-        values: Values of these ports, as constants.
+        loads: Port name and energy for ports without degrees of freedom, such as pressures.
+        values: Values of ports without degrees of freedom, as UFL variables of constants.
         mesh_motion: Fictitious energies that only move the air's mesh.
         coupling: How the electric field loads the body.
-        density: Of each material in motion, t/mm^3, as a constant.
-        rate_factor: Constant: acceleration a displacement, 1/s^2, of a step in time.
-        locking: Constant: the share of a law's extensibility that `locked` asks for.
+        density: Density of each material, t/mm^3, as a constant.
+        rate_factor: Derivative of acceleration by displacement over a step, 1/s^2, a constant.
+        locking: Share of a law's extensibility that `locked` asks for, a constant.
         charging: Whether the electrodes charge through their resistance, in time.
-        branches: Potentials of the networks beside the laws over a step.
-        terms: What they depend on besides the deformation (`Viscosity` sets it); None without.
-        peaks: Largest energies so far, for laws that soften (likewise); None without.
-        reform: Brings networks whose clock is no time to the current state (likewise).
+        branches: Potentials of the networks over a step.
+        terms: Function of the networks' terms, set by `Viscosity`; None without networks.
+        peaks: Function of the largest energy densities, set by `Viscosity`; None without softening.
+        reform: Updates the networks of permanent sets to the current state, set by `Viscosity`.
         sheet: Energies of a sheet; None for solids.
     """
 
@@ -115,12 +115,12 @@ class Problem:
 
     @property
     def symmetric(self) -> bool:
-        """Whether the tangent is: one potential, and no air, whose mesh moves one-way."""
+        """Whether the tangent is symmetric: one potential, and no air with a moving mesh."""
         return self.coupling.symmetric and not self.mesh_motion
 
     @cached_property
     def direction(self) -> Any:
-        """A displacement, for the form 'along'."""
+        """Direction in which forms such as 'along' are evaluated."""
         return fem.Function(self.spaces.W)
 
     @cached_property
@@ -134,7 +134,7 @@ class Problem:
         return [(group, group.sheet) for group in self.groups if group.sheet is not None]
 
     def point_of(self, group: str) -> Point:
-        """A point of a group of regions."""
+        """The point at which energies of a group are evaluated."""
         sheet = self._group(group).sheet
         return self.point if sheet is None else sheet.point
 
@@ -158,7 +158,7 @@ class Problem:
 
     @cached_property
     def data(self) -> tuple[list[Any], list[Any]]:
-        """The constants and the functions that its equations read, in the order of their making."""
+        """Constants and functions in its equations, in the order of their creation."""
         x = ufl.SpatialCoordinate(self.domain.mesh)
         equations = [self.densities(group)[2] for group in self.groups]
         equations += [density(e, self.point_of(e.on)) for e in self.mesh_motion]
@@ -170,11 +170,11 @@ class Problem:
         return one, two
 
     def restart(self, config: Config, thicknesses: Iterable[float]) -> None:
-        """Take up another config whose numbers its constants and its mesh have (see `Reuse`).
+        """Continue with another config, whose numbers its constants and its mesh already have.
 
         Args:
             config: The config.
-            thicknesses: Of the layers of a sheet, mm.
+            thicknesses: Thicknesses of the layers of a sheet, mm.
         """
         self.config, self.domain.device, self.reform = config, config.device, None
         for (_, sheet), thickness in zip(self.sheets, thicknesses, strict=True):
@@ -189,7 +189,7 @@ class Problem:
 
     @cached_property
     def _places(self) -> tuple[tuple[str, ...], ...]:
-        """Cells that groups consist of: their regions, of sheets their part of the base."""
+        """Cells of the groups by name: their regions, in sheets their part of the base."""
         found = [g.regions if g.sheet is None else (g.sheet.area,) for g in self.groups]
         return tuple(dict.fromkeys(found))
 
@@ -220,10 +220,10 @@ class Problem:
         """Integral over a boundary of a density at `face`, on the side of some regions.
 
         Args:
-            name: Of the boundary.
-            density: Per mesh area.
-            regions: Where the facets lie inside the mesh, the side that is of these; between two of
-                them the mean of both sides.
+            name: Name of the boundary.
+            density: Density per mesh area.
+            regions: Regions whose side counts where facets lie inside the mesh; between two such
+                regions it is the mean of both sides.
         """
         density = density * self.domain.symbolic.volume(self.point.x)
         tags = tuple(tag for _, tag in self.domain.tags(name))
@@ -249,7 +249,7 @@ class Problem:
         return _sum(self.over(e.on, density(e, self.point_of(e.on))) for e in energies)
 
     def load_of(self, port: str, derive: bool = False) -> Any:
-        """Energies of faces that a port loads, or their derivative by its value; 0 without."""
+        """Energies of the faces that a port loads, or their derivative by its value; 0 if none."""
         found = []
         for energy in (e for name, e in self.loads if name == port):
             for place, point in self._faces(energy.on):
@@ -258,7 +258,7 @@ class Problem:
         return sum(found)
 
     def _faces(self, name: str) -> Iterator[tuple[Callable[[Any], Any], Point]]:
-        """How to integrate over a face, and a point on it."""
+        """Functions that integrate over a face, and points on it."""
         if not self.kinematics.sheet:
             yield partial(self._on_face, name), self.face
             return
@@ -281,13 +281,13 @@ class Problem:
         Args:
             name: 'elastic', 'electric' (energies); 'locked' (area near a law's limit);
                 'along' (the tangent's product with `direction`);
-                'mass', 'mass along' (of `rate_factor` times the mass, in that direction),
-                'inertia' (of `rate`), 'inertia work' (of `rate` in that direction);
-                'conductance' (of the electrodes along themselves);
-                'mounted' (volume of what carries stress), 'product' (of displacements over it);
-                'residual', 'tangent' (of both, coupled); 'mesh_residual', 'mesh_tangent' (of the
-                air's fictitious elasticity); 'dual PORT', 'column PORT', 'corner PORT PORT' (first
-                and second derivatives of the potential by the values of ports in `values`).
+                'mass', 'mass along' (product of `rate_factor` times the mass with `direction`),
+                'inertia' (mass times `rate`), 'inertia work' (its product with `direction`);
+                'conductance' (of the electrodes); 'mounted' (volume of all materials),
+                'product' (of displacements over it); 'residual', 'tangent' (of the potential or the
+                coupling); 'mesh_residual', 'mesh_tangent' (of the air's fictitious elasticity);
+                'dual PORT', 'column PORT', 'corner PORT PORT' (first and second derivatives of the
+                potential by the values of ports in `values`).
         """
         if name not in self._forms:
             found = ufl_form(self, name)
@@ -313,7 +313,7 @@ class Problem:
         )
 
     def densities(self, group: Group) -> tuple[Any, Any, Any]:
-        """Elastic energy of a group without branches, the electric one, and the sum of all."""
+        """Energy densities of a group: elastic without branches, electric, and the sum of all."""
         point = self.point_of(group.name)
         parts = [
             [density(e, point) for e in energies if e.on == group.name]
@@ -325,7 +325,7 @@ class Problem:
         return elastic, electric, elastic + electric + branches
 
     def settle(self) -> None:
-        """Bring what lies inside, in sheets and networks, to where it belongs at this state."""
+        """Update internal variables of sheets and permanent sets to the current state."""
         if self.reform is not None:
             if self.sheet is not None:
                 self.sheet.settle()
@@ -336,8 +336,8 @@ class Problem:
     def locked(self, share: float = 0.99) -> bool:
         """Whether a law is somewhere stretched to a share of its limit (see `Law.extension`).
 
-        At 99 % it is dozens of times as stiff as at rest, and a body that is stretched on grows in
-        volume instead; beyond 100 % the derivatives of its energy are finite but mean nothing.
+        At 99 % a law is dozens of times as stiff as at rest, and further stretching changes the
+        volume instead. Beyond 100 % the derivatives of its energy are finite but meaningless.
         """
         if not any(part.law.locks for part in self.solids):
             return False
@@ -351,7 +351,7 @@ class Problem:
         return [part for part in parts if isinstance(part, Hyperelastic)]
 
     def set_prestretch(self, fraction: float) -> None:
-        """Pre-stretch the body by a fraction (0: none, 1: all) of the config's pre-stretches."""
+        """Set the pre-stretch to a fraction, from 0 to 1, of the config's pre-stretches."""
         for group in self.groups:
             if group.prestretch is None:
                 continue
@@ -363,16 +363,16 @@ class Problem:
             group.prestretch.value[:] = stretches
 
     def value(self, port: str) -> float:
-        """Value of a port that no degree of freedom follows."""
+        """Value of a port without degrees of freedom."""
         return float(self.values[port].ufl_operands[0].value)
 
     def set_values(self, ports: dict[str, float]) -> None:
-        """Set the values of the ports that no degree of freedom follows."""
+        """Set the values of the ports without degrees of freedom."""
         for name, value in self.values.items():
             value.ufl_operands[0].value = ports[name]
 
     def wrinkled_area(self) -> float:
-        """Of a tension field, as mounted, mm^2 (collective)."""
+        """Wrinkled area of a tension field, as mounted, mm^2 (collective)."""
         assert self.sheet is not None
         self.sheet.flag_wrinkles()
         return self.integrate("wrinkled")
@@ -390,7 +390,7 @@ class Problem:
 
     @cached_property
     def charge_scale(self) -> float:
-        """Characteristic charge, uC: of the flat film at 1 kV."""
+        """Characteristic charge, uC: that of the flat film at 1 kV."""
         sizes, film = self.domain.sizes, self.config.film
         stretch = math.sqrt(math.prod(film.prestretch))
         return float(EPSILON_0 * film.permittivity.at(stretch) * sizes.area / sizes.thickness)
@@ -399,11 +399,11 @@ class Problem:
 _OF_CONSTANTS = (
     *("elastic", "electric", "residual", "tangent", "along", "mesh_residual", "mesh_tangent"),
     *("dual", "column", "corner"),
-)  # forms in which no number stands as such
+)  # forms whose numbers are all constants
 
 
 def quadrature_degree(order: int) -> int:
-    """Of integrals: 3 x 3 Gauss points on second-order cells, 2 x 2 on first-order."""
+    """Quadrature degree: 3 x 3 Gauss points on second-order cells, 2 x 2 on first-order."""
     return 2 * order
 
 

@@ -1,4 +1,4 @@
-"""Evaluates the probes of a config in a state."""
+"""Evaluates the probes of a config in the current state."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class _Spots:
     Attributes:
         cells: The cells.
         reference: The points in the reference cell, (points, dim).
-        points: What does not change there.
-        weights: Size of the device at each point, (cells, points); 1 at a single point.
-        material: What the cells are made of.
+        points: Shape functions, gradients and material at the points.
+        weights: Volume or area of the device at each point, (cells, points); 1 at a single point.
+        material: Material of the cells.
         group: Name of their group of regions.
     """
 
@@ -45,7 +45,7 @@ class _Spots:
 
 
 class Probes:
-    """The probes of a problem: their points are found once.
+    """The probes of a problem, whose points are found once.
 
     Args:
         problem: The problem.
@@ -63,7 +63,7 @@ class Probes:
         self._probes = {name: (probe, self._spots(name, probe)) for name, probe in given.items()}
 
     def measure(self, name: str, viscosity: Viscosity | None) -> float:
-        """Value of a probe in the present state (collective)."""
+        """Value of a probe in the current state (collective)."""
         probe, spots = self._probes[name]
         comm, nodal = self._problem.domain.comm, self._layout.local()
         found = [(self._values(probe, s, nodal[s.cells], viscosity), s.weights) for s in spots]
@@ -91,7 +91,7 @@ class Probes:
         )
         return np.asarray(self._known[probe.measured].evaluate(here))
 
-    # --- where -----------------------------------------------------------------------------------
+    # --- points ----------------------------------------------------------------------------------
 
     def _spots(self, name: str, probe: Probe) -> list[_Spots]:
         if probe.at is not None:
@@ -107,7 +107,11 @@ class Probes:
     def _group_of(
         self, cells: Any, region: str | None = None
     ) -> list[tuple[str, stress.RegionMaterial, Any]]:
-        """Rows of cells by group of regions; of a sheet those of a region, or of one layer."""
+        """Rows of cells by group of regions.
+
+        In a sheet they are the rows of a region, or by default those of one layer, a dielectric if
+        there is one.
+        """
         found = []
         for group in self._problem.groups:
             rows = self._layout.rows(group)
@@ -144,7 +148,7 @@ class Probes:
         return local.Points.of(kinematics, material, cell, nodes, reference)
 
     def _on_facets(self, facets: Any) -> list[_Spots]:
-        """Quadrature points on facets, each on one of its sides: a dielectric if there is one."""
+        """Quadrature points on facets, in the cell on one side: a dielectric if there is one."""
         domain, cell = self._problem.domain, self._layout.cell
         owned = compat.local_cells(domain.mesh)
         chosen: dict[int, list[int]] = {}
@@ -176,7 +180,7 @@ class Probes:
         return found
 
     def _at(self, name: str, x: Array) -> list[_Spots]:
-        """The cell that holds a point: of the lowest rank that has one (collective)."""
+        """The point x in its cell, on the lowest rank that has such a cell (collective)."""
         domain, layout = self._problem.domain, self._layout
         lies = list(self._problem.kinematics.lies)
         rows = layout.owned(np.arange(len(layout.nodes)))
@@ -202,7 +206,7 @@ class Probes:
 
 
 def _area(tangents: Array) -> npt.NDArray[np.float64]:
-    """Size of what tangents (..., axes, 1 or 2) span."""
+    """Length or area that one or two tangents span, (...), from (..., axes, 1 or 2)."""
     if tangents.shape[-1] == 1:
         return np.asarray(np.linalg.norm(tangents[..., 0], axis=-1))
     return np.asarray(np.linalg.norm(np.cross(tangents[..., 0], tangents[..., 1]), axis=-1))

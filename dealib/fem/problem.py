@@ -1,4 +1,4 @@
-"""From a config to its total potential on a mesh."""
+"""Builds the total potential of a config on a mesh."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ from dealib.fem.energies import (
 )
 from dealib.fem.groups import Group, sheet_groups, solid_groups
 from dealib.fem.potential import Problem, quadrature_degree
-from dealib.fem.sheet import SheetModel, equip
+from dealib.fem.sheet import SheetModel
+from dealib.fem.sheet_layer import equip
 from dealib.units import EPSILON_0
 
 __all__ = ["Problem", "build_problem", "problem_on", "quadrature_degree"]
@@ -51,12 +52,12 @@ def build_problem(config: Config, comm: MPI.Comm, mesh_file: Path | None = None)
 
 
 def problem_on(domain: Domain, config: Config, spaces: Spaces | None = None) -> Problem:
-    """The same on any mesh with the names of its device (collective).
+    """The problem of a config on any mesh with the names of its device (collective).
 
     Args:
         domain: The mesh; it need not be that of the config's geometry.
         config: Materials, order and solver.
-        spaces: Of another problem on this mesh; default its own.
+        spaces: Spaces of another problem on this mesh; default new ones.
     """
     mixed = config.physics.formulation == "mixed"
     spaces = spaces or build_spaces(domain, config.mesh.order, mixed)
@@ -111,7 +112,7 @@ def groups_of(domain: Domain, config: Config) -> tuple[Group, ...]:
 
 
 def _networks(config: Config) -> int:
-    """Most networks that a material has."""
+    """Largest number of networks of a material."""
     return max(len(m.networks) for m in config.solids.values())
 
 
@@ -137,15 +138,15 @@ class Parts:
         terms: Any,
         peaks: Any,
     ) -> Parts:
-        """Those of a config on a mesh (collective).
+        """The energies of a config on a mesh (collective).
 
         Args:
             domain: The mesh.
             config: The config.
             spaces: The spaces.
             groups: Regions that share energies.
-            terms: What networks depend on; None without.
-            peaks: Largest energies so far; None without softening.
+            terms: The function of `step_terms`; None without networks.
+            peaks: Function of the largest energy densities; None without softening.
         """
         mixed = config.physics.formulation == "mixed"
         device, mesh, count = domain.device, domain.mesh, _networks(config)

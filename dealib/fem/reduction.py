@@ -1,8 +1,9 @@
-"""Solutions of a family of symmetric systems from a few of them, to a tolerance that is checked.
+"""Model reduction: solutions of a family of symmetric systems from a few of them.
 
-(sum f_k P_k) X = F with real symmetric P_k and complex factors f_k: between solved members, X is
-sought in the span of their real and imaginary parts (Galerkin). The member with the largest
-residual is solved next, until what was expected of it is true, twice in turn.
+The members are (sum f_k P_k) X = F with real symmetric P_k and complex factors f_k. A few are
+solved; the others are sought in the span of the solutions' real and imaginary parts (Galerkin). The
+member with the largest residual is solved next, until two members in turn agree with their
+reduced solution to a tolerance.
 """
 
 from __future__ import annotations
@@ -16,21 +17,21 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 Factors = dict[str, complex]
-_TOLERANCE = 1e-9  # of what is looked at, of its own size
-_NONE = 1e-15  # of the largest of them: it counts as zero
-_LOOKED_AT = 8  # members whose residual is found anew before the next one is solved
-_ENOUGH = 2  # members in turn that are what was expected
-_SAME = 1e-13  # of a vector's size: what is left of it lies in the span
+_TOLERANCE = 1e-9  # relative error of the checked values
+_NONE = 1e-15  # checked value over the largest one below which it counts as zero
+_LOOKED_AT = 8  # members whose residual is updated before the next one is solved
+_ENOUGH = 2  # members in turn that must agree
+_SAME = 1e-13  # relative remainder of a vector that counts as lying in the span
 
 
 class Reduction:
-    """Solutions of members of the family, one after the other (collective).
+    """Solves members of the family (collective).
 
     Args:
         parts: P_k by name.
         right: F.
-        solve: Real and imaginary part of the solution of a member.
-        look: What of X must be right, the same on every rank.
+        solve: Gives real and imaginary part of the solution of a member.
+        look: Gives the values of X that are checked, the same on every rank.
     """
 
     def __init__(
@@ -44,7 +45,7 @@ class Reduction:
         self._learnt = False
 
     def at(self, family: Sequence[Factors]) -> list[Complex]:
-        """Coordinates of X of some members, in an order in which it changes smoothly."""
+        """Coordinates of X in the span for members in an order in which X changes smoothly."""
         span, exact = self._span, {}
 
         def learn(k: int) -> Complex:
@@ -75,7 +76,7 @@ class Reduction:
         return self._span.residual(factors, self._span.solution(factors))
 
     def _worst(self, missed: dict[int, float], family: Sequence[Factors]) -> int:
-        """The member with the largest residual, of those that had the largest ones before."""
+        """The member with the largest residual among those that had the largest ones before."""
         found = sorted(missed, key=lambda k: -missed[k])[:_LOOKED_AT]
         missed |= {k: self._missed(family[k]) for k in found}
         return max(missed, key=lambda k: missed[k])
@@ -85,12 +86,12 @@ class Reduction:
         return self._span.whole(coordinates)
 
     def size(self, coordinates: Complex, part: str) -> float:
-        """The root of X.P_k X, of a matrix that is not negative."""
+        """Square root of X.P_k X for a positive semidefinite P_k."""
         return self._span.size(coordinates, part)
 
 
 class _Span:
-    """The span of vectors, and the system in it."""
+    """An orthonormal basis of vectors, and the system's matrices in it."""
 
     def __init__(self, parts: dict[str, Any], right: Any) -> None:
         self._parts, self._comm = parts, right.comm.tompi4py()
@@ -102,7 +103,7 @@ class _Span:
         self._diagonal = {name: part.getDiagonal().array_r.copy() for name, part in parts.items()}
 
     def add(self, vector: Array) -> None:
-        """Widen it by a vector, if that does not lie in it."""
+        """Extend the basis by a vector, unless the vector lies in the span."""
         size = self._norm(vector)
         rest = vector.copy()
         for _ in range(2):
@@ -120,25 +121,25 @@ class _Span:
             self._VPV[name] = np.block([[self._VPV[name], new[:-1, None]], [new]])
 
     def coordinates(self, x: Complex) -> Complex:
-        """Of a vector that lies in it."""
+        """Coordinates of a vector that lies in the span."""
         return np.asarray(self._sum(self._V.T @ x))
 
     def whole(self, y: Complex) -> Complex:
-        """The vector of some coordinates, of which it may have got more since."""
+        """The vector of some coordinates, found before the basis was extended further."""
         return np.asarray(self._V[:, : len(y)] @ y)
 
     def size(self, y: Complex, part: str) -> float:
-        """The root of x.P_k x."""
+        """Square root of x.P_k x."""
         inner = self._VPV[part][: len(y), : len(y)]
         return float(np.sqrt(max(float(np.vdot(y, inner @ y).real), 0.0)))
 
     def solution(self, factors: Factors) -> Complex:
-        """Coordinates of the member's solution in it."""
+        """Coordinates of the member's Galerkin solution."""
         inner = sum(f * self._VPV[name] for name, f in self._used(factors))
         return np.asarray(np.linalg.solve(inner, self.coordinates(self._right.array_r)))
 
     def residual(self, factors: Factors, y: Complex) -> float:
-        """How far a solution in it misses the equations, each over its own size."""
+        """Relative residual of a solution, scaled by the diagonal of the system."""
         x = self.whole(y)
         miss = sum(f * (self._PV[name] @ y) for name, f in self._used(factors))
         miss = miss - self._right.array_r

@@ -1,11 +1,11 @@
-"""Small harmonic changes about a state: one solution of a symmetric system a frequency.
+"""Small harmonic changes about a state: one solution of a symmetric system for each frequency.
 
 With x = Re(X exp(i omega t)) about an equilibrium in which the Maxwell branches have relaxed,
 
     (A + iB) X = F,  A + iB = K + sum z K_v - omega^2 M + i omega (a M + b K_u) + i/omega G,
 
-where K is the tangent of the relaxed state and K_v what a branch, held at its internal state, adds
-to it; z = i omega tau/(1 + i omega tau), which is exact for small changes. M is the mass, a M +
+where K is the tangent of the relaxed state, and K_v the contribution of a branch whose internal
+metric is held; z = i omega tau/(1 + i omega tau) is exact for small changes. M is the mass, a M +
 b K_u Rayleigh's damping, and G the conductances of resistive electrodes and of the openings of
 chambers. `fem.pairs` solves it in real numbers, `fem.reduction` finds many frequencies from a few.
 """
@@ -32,8 +32,8 @@ from dealib.fem.system import System
 from dealib.fem.vibrations import switched
 from dealib.fem.viscous import Viscosity
 
-_STRAIGHT = 0.05  # of a value: what is off by more is not straight
-_APART, _AT_ONCE = 1.0001, 8  # ratio of frequencies that are told apart; looked at in one go
+_STRAIGHT = 0.05  # relative deviation from a straight line above which a frequency is added
+_APART, _AT_ONCE = 1.0001, 8  # least ratio of neighbouring frequencies; intervals refined at once
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,9 @@ class Change:
 
     Attributes:
         frequency: Hz.
-        values: Of each port, complex.
-        duals: dPi/dq of each port that is held; of the terminal minus its charge.
-        vectors: Real and imaginary parts of the reduced unknowns, until the next one is asked for.
+        values: Complex value of each port.
+        duals: dPi/dq of each port that is held; for the terminal it is minus the charge.
+        vectors: Real and imaginary parts of the reduced unknowns; the next change overwrites them.
     """
 
     frequency: float
@@ -54,10 +54,10 @@ class Change:
 
 
 class Response:
-    """The system at a state, for any frequency.
+    """The linearised system at a state, for any frequency.
 
     Attributes:
-        system: Whose reduced unknowns the changes are of.
+        system: The system to whose reduced unknowns the changes belong.
 
     Args:
         newton: The solver; its state is an equilibrium.
@@ -109,7 +109,7 @@ class Response:
         self._pairs = Pairs(self._parts)
 
     def _add(self, name: str, part: Any) -> None:
-        """Add a part, whose columns of prescribed ports tell what it does to these."""
+        """Add a part; its columns of prescribed ports give their duals."""
         for port, column in self.system.take(part).items():
             self._columns[port][name] = column
         self._parts[name] = part
@@ -118,8 +118,8 @@ class Response:
         """The response at some frequencies in order, Hz (collective).
 
         Args:
-            frequencies: These.
-            more: Up to so many more in between, where the response turns.
+            frequencies: The frequencies.
+            more: Largest number of further ones, added where the response is curved.
         """
         system = self.system
         right = system.q.duplicate()
@@ -163,7 +163,7 @@ class Response:
             yield Change(hertz, values, duals, vectors)
 
     def _factors(self, omega: float) -> dict[str, complex]:
-        """What each part is multiplied with."""
+        """Factor of each part at an angular frequency."""
         found: dict[str, complex] = {
             "stiffness": 1.0,
             "mass": -(omega**2) + 1j * omega * self._damping.mass,
@@ -191,15 +191,16 @@ def _refine(
     size: Callable[[Complex], float],
     more: int,
 ) -> None:
-    """Add frequencies between two that the response is not straight between, the worst first.
+    """Add frequencies in intervals in which the response is not straight, the worst first.
 
     Args:
-        known: What was found at each frequency.
-        look: Finds it at others.
-        size: Of a motion.
-        more: Up to so many.
+        known: The response at each frequency; is extended.
+        look: Finds the response at other frequencies.
+        size: Norm of a motion.
+        more: Largest number of frequencies to add.
     """
-    bent: dict[tuple[float, float, float], tuple[float, _Found]] = {}  # where, and by how much
+    # intervals that are not straight, with their middle: deviation there, and response
+    bent: dict[tuple[float, float, float], tuple[float, _Found]] = {}
 
     def check(pairs: Iterable[tuple[float, float]]) -> None:
         places = [
@@ -225,7 +226,7 @@ def _refine(
 
 
 def _openings(system: System) -> Any:
-    """What flows through the openings of chambers a time and pressure; None: there are none."""
+    """Conductances of the chambers' openings as a diagonal matrix; None without openings."""
     found = system.q.duplicate()
     found.set(0.0)
     filled = False
@@ -245,13 +246,13 @@ def _openings(system: System) -> Any:
 
 
 def _relaxed(viscosity: Viscosity | None) -> AbstractContextManager[None]:
-    """A context in which branches follow at once."""
+    """A context in which branches relax at once."""
     return nullcontext() if viscosity is None else viscosity.held(lambda branch: False)
 
 
 @contextmanager
 def relaxed_state(newton: Newton, viscosity: Viscosity | None) -> Iterator[None]:
-    """Be at the equilibrium in which the branches have relaxed, for a while (collective)."""
+    """A context at the equilibrium in which all branches have relaxed (collective)."""
     system, kept = newton.system, newton.system.q.copy()
     try:
         with _relaxed(viscosity):

@@ -1,8 +1,8 @@
-"""One solver for case after case: what only numbers tell apart needs no equations of its own.
+"""Reuses the solver of one case for the next, if they differ in numbers only.
 
-Moduli, thicknesses, and where the mesh's nodes are, are constants in the equations. A case with the
-same cells and the same equations as the one before takes over its spaces, its compiled forms, its
-matrix and the order of its factorisation, and starts from the same zeros as with new ones.
+Moduli, thicknesses and nodal coordinates are constants in the equations. A case with the same cells
+and the same equations as the one before takes over its spaces, its compiled forms, its matrix and
+the ordering of its factorisation, and starts from zero as it would with new ones.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ from dealib.fem.system import Timings
 from dealib.materials.law import Law
 from dealib.results.elements import Array
 
-_MOST = 50_000  # unknowns: above, setting up is a small part, and memory is not to be kept
-_ON_AXIS = 1e-9  # of the span
+_MOST = 50_000  # unknowns above which set-up is a small part of the time and takes much memory
+_ON_AXIS = 1e-9  # distance from the axis over the span
 
 Places = dict[str, Any]
 
 
 class Reuse:
-    """Gives each case a solver: that of the case before where it fits, else a new one."""
+    """Gives each case a solver: that of the previous case if it fits, otherwise a new one."""
 
     def __init__(self) -> None:
         self._kept: _Kept | None = None
 
     def newton(self, config: Config, comm: MPI.Comm, mesh_file: Path | None = None) -> Newton:
-        """A solver at the start of a case; the one before is not to be used any more.
+        """A solver at the start of a case; the previous one must not be used any more.
 
         Args:
             config: The config.
-            comm: MPI communicator; only where it has one rank is anything kept.
+            comm: MPI communicator; solvers are kept only if it has one rank.
             mesh_file: Where to write the mesh, if anywhere.
         """
         if comm.size > 1 or not _can(config):
@@ -73,7 +73,7 @@ class Reuse:
 
 
 def _can(config: Config) -> bool:
-    """Whether a problem has no other state than its constants and functions."""
+    """Whether constants and functions are the whole state of a config's problem."""
     rigid = any(port.rigid for port in config.device.ports)
     return config.physics.wrinkling == "taut" and not (config.sensing.charging or rigid)
 
@@ -84,7 +84,7 @@ class _Drawn:
 
     Attributes:
         nodes: Coordinates in the order of their numbers, (nodes, 3), mm.
-        cells: All else.
+        cells: All other data of the mesh.
     """
 
     nodes: Array
@@ -92,7 +92,7 @@ class _Drawn:
 
     @classmethod
     def of(cls, model: Any) -> _Drawn:
-        """The model of the present session."""
+        """The mesh of the current Gmsh model."""
         tags, xyz, _ = model.mesh.getNodes()
         found: list[Any] = [tags]
         for group in model.getPhysicalGroups():
@@ -104,7 +104,7 @@ class _Drawn:
         return cls(xyz.reshape(-1, 3)[np.argsort(tags)], tuple(found))
 
     def same_cells(self, other: _Drawn) -> bool:
-        """Whether another mesh differs in where its nodes are only."""
+        """Whether another mesh differs in nodal coordinates only."""
         return len(self.cells) == len(other.cells) and all(
             np.array_equal(a, b) for a, b in zip(self.cells, other.cells, strict=True)
         )
@@ -112,13 +112,13 @@ class _Drawn:
 
 @dataclass(frozen=True)
 class _Kept:
-    """A solver, and what tells whether it fits another config.
+    """A solver, and the data that tell whether it fits another config.
 
     Attributes:
         newton: The solver.
         drawn: Its mesh.
-        kind: What its equations are compiled for, by place.
-        at_rest: Values at the start of the functions that they read.
+        kind: The data for which its equations are compiled, by place (see `_anatomy`).
+        at_rest: Initial values of the functions in the equations.
     """
 
     newton: Newton
@@ -133,7 +133,7 @@ class _Kept:
         kind, constants = _anatomy(problem)
         constants_read, functions = problem.data
         found = {id(c) for c in constants.values()}
-        found |= {id(sheet.field) for _, sheet in problem.sheets}  # the state's
+        found |= {id(sheet.field) for _, sheet in problem.sheets}  # set from the state
         if newton.iterative or not np.array_equal(nodes, problem.domain.mesh.geometry.x):
             return None
         if not {id(c) for c in constants_read} <= found:
@@ -141,7 +141,7 @@ class _Kept:
         return cls(newton, drawn, kind, [f.x.array.copy() for f in functions])
 
     def take(self, config: Config, drawn: _Drawn) -> bool:
-        """Start anew with the numbers of another config; whether it fits."""
+        """Start anew with the numbers of another config; returns whether the solver fits it."""
         newton, problem = self.newton, self.newton.system.problem
         own, domain = problem.config, problem.domain
         if not (newton.usable and _settings(config) == _settings(own)):
@@ -176,14 +176,14 @@ def _on_axis(x: Array) -> Any:
 
 
 def _settings(config: Config) -> tuple[Any, ...]:
-    """What else problem and solver are made for."""
+    """Further settings on which problem and solver depend."""
     paths = [s.follow.pair for s in config.program if s.follow is not None]
     order = config.mesh.order
     return config.physics, config.solver.linear, config.output.modes > 0, paths, order
 
 
 def _names(device: Device) -> tuple[Any, ...]:
-    """What a device is made of, without its numbers."""
+    """Regions, ports and supports of a device without numbers."""
     ports = [(p.kind.name, p.name, p.on, p.along, p.floating) for p in device.ports]
     regions = [(r.name, r.material, r.normal, r.air) for r in device.regions]
     return _space(device.kinematics), ports, regions, device.supports, device.laminate is None
@@ -194,7 +194,10 @@ def _space(k: Kinematics) -> tuple[Any, ...]:
 
 
 def _anatomy(problem: Any) -> tuple[Places, Places]:
-    """What the energies of a problem, or `Parts`, are, and their constants, both by place."""
+    """Structure and constants of the energies of a problem, or of `Parts`, both by place.
+
+    A place is a path of attributes and indices such as '.energies.0.2.parameters.c10'.
+    """
     groups: list[Any] = []
     for g in problem.groups:
         assert isinstance(g, Group)
@@ -218,12 +221,12 @@ def _anatomy(problem: Any) -> tuple[Places, Places]:
 
 
 def _leaves(part: Any, place: str = "") -> Iterator[tuple[str, Any]]:
-    """Everything that a part consists of, by place."""
+    """All values of which a part consists, with their places."""
     inner: Mapping[Any, Any]
     if isinstance(part, fem.Constant) or part is None or isinstance(part, (str, int, float)):
         yield place, part
         return
-    if isinstance(part, Expr):  # of the state, or of the value of a port
+    if isinstance(part, Expr):  # a function of the state or of a port's value
         yield place, type(part).__name__
         return
     if isinstance(part, Kinematics):

@@ -1,4 +1,4 @@
-"""Rigid motions of the whole device that nothing holds: there the tangent would be singular."""
+"""Finds rigid motions of the whole device that are not held, for which the tangent is singular."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from dealib.fem.layout import Layout
 from dealib.fem.problem import Problem
 
 Array = npt.NDArray[np.float64]
-_HELD = 1e-9  # smallest eigenvalue of what holds, of the largest
+_HELD = 1e-9  # smallest over largest eigenvalue of the constraints on rigid motions
 
 
 def unheld(problem: Problem, layout: Layout, loaded: set[str]) -> str:
-    """Motion that neither supports nor ports hold, in words; empty if all are held (collective).
+    """A motion that is not held, such as 'along X'; empty if all are held (collective).
 
     Args:
         problem: The problem.
-        layout: Its nodes.
+        layout: Its layout.
         loaded: Mounts whose position is not prescribed; their parts still move as one.
     """
     names = _names(problem.kinematics)
@@ -56,9 +56,9 @@ def unheld(problem: Problem, layout: Layout, loaded: set[str]) -> str:
 
 
 def _by_platforms(problem: Problem, names: list[str], loaded: set[str]) -> Array:
-    """How rigid mounts hold the motions by those of their ports that are not loaded.
+    """Constraints of rigid mounts on the motions, (motions, motions), on rank 0.
 
-    A force or a moment that is given leaves its own motion free, and its part moves as one anyway.
+    A port with a prescribed force or moment leaves its motion free.
     """
     held = np.zeros((len(names), len(names)))
     if problem.domain.comm.rank > 0:
@@ -69,7 +69,7 @@ def _by_platforms(problem: Problem, names: list[str], loaded: set[str]) -> Array
         motion = np.array([float(name.endswith(port.along)) for name in names])
         kind = "about" if port.kind == TURN else "along"
         row = motion * [name.startswith(kind) for name in names]
-        if port.kind == MOUNT:  # where its centre is, turns of the whole device move it too
+        if port.kind == MOUNT:  # turns of the whole device move the mount's centre too
             (platform,) = (p for p in problem.constraints.platforms if port.name in p.ports)
             centre = platform.centre / problem.domain.sizes.span
             turns = _turns(centre[None])[0][:, problem.kinematics.axes.index(port.along)]
@@ -87,7 +87,7 @@ def _names(kinematics: Kinematics) -> list[str]:
 
 
 def _motions(problem: Problem, layout: Layout) -> Iterator[tuple[Any, Array]]:
-    """Degrees of freedom of each axis on this rank, and each rigid motion's value there."""
+    """This rank's degrees of freedom of each axis, and rigid motions there, (dofs, motions)."""
     kinematics, axes = problem.kinematics, problem.kinematics.dim
     x = layout.nodes.reshape(-1, axes) / problem.domain.sizes.span
     for k, dofs in enumerate(layout.displacements):

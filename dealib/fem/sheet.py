@@ -1,17 +1,17 @@
 """Membranes: all layers of a laminate on its middle surface, without bending.
 
 Each layer of mounted thickness H adds H W(F) / det F_p with the metric of the middle surface and a
-thickness stretch s of its own, at which the energy is stationary: the layer is free of stress
-across. The field between two electrodes is the voltage over H s. In tension fields the metric is
+thickness stretch s of its own, in which the energy is stationary: there is no stress across the
+layer. The field between two electrodes is the voltage over H s. In tension fields the metric is
 that of the wrinkled sheet (see `materials.wrinkling`).
 
-The energy is so a function of the metric's components and of the terminals' voltages alone. Its
-first and second derivatives by these are found at the quadrature points and kept there; the forms
-are the same for all laws.
+So the energy depends on the metric's components and the terminals' voltages only. Its first and
+second derivatives by these are computed at the quadrature points and stored in a function; the
+forms are the same for all laws.
 
-A wrinkled sheet has no stiffness across its wrinkles, and a slack one none at all. What it keeps,
-so that it can be solved, is k/2 |grad u|^2: it is convex, so that nothing buckles, and least where
-the sheet was mounted, so that nothing collapses. No energy that a turn leaves alone is both.
+A wrinkled sheet has no stiffness across its wrinkles, and a slack one none at all. For a regular
+tangent they get the energy k/2 |grad u|^2. It is convex, so that nothing buckles, and smallest in
+the mounted state, so that nothing collapses; no energy that is invariant to rotations is both.
 """
 
 from __future__ import annotations
@@ -26,149 +26,32 @@ from dolfinx import fem
 from dealib.device.laminate import JOIN
 from dealib.fem import compat
 from dealib.fem.domain import Domain, Spaces
-from dealib.fem.energies import Point, constant
-from dealib.fem.groups import Group, Sheet, areas
+from dealib.fem.energies import Point
+from dealib.fem.groups import Group, areas
+from dealib.fem.sheet_layer import FIRST, Layer
 from dealib.materials.wrinkling import Wrinkles
 
-_ENOUGH, _MOST = 1e-13, 60  # change of a stretch at which it is there, and steps
-_ELASTIC, _ELECTRIC, _FIRST = 0, 1, 2  # where the energies and their derivatives are kept
+_ELASTIC, _ELECTRIC = 0, 1  # columns of the values; derivatives begin at FIRST
 
 Densities = Callable[[Group], tuple[Any, Any, Any]]
-
-
-def equip(domain: Domain, spaces: Spaces, groups: Sequence[Group], degree: int) -> None:
-    """Give each layer its point, its thickness stretch and its field.
-
-    Args:
-        domain: The mesh.
-        spaces: The state.
-        groups: The layers.
-        degree: Quadrature degree.
-    """
-    mesh, kinematics = domain.mesh, domain.symbolic
-    scalars = compat.functionspace(mesh, compat.quadrature_element(mesh, degree, 1))
-    x, u = ufl.SpatialCoordinate(mesh), ufl.split(spaces.w)[0]
-    metric = kinematics.metric(u, x)
-    size = len(metric)
-    excess = fem.Function(
-        compat.functionspace(mesh, compat.quadrature_element(mesh, degree, size)), name="excess"
-    )
-    for group in groups:
-        sheet = group.sheet
-        assert sheet is not None
-        sheet.excess, sheet.stretch = excess, fem.Function(scalars, name="stretch")
-        sheet.stretch.x.array[:] = 1.0
-        parts = [ufl.variable(c + excess[k]) for k, c in enumerate(metric)]
-        sheet.field = constant(mesh, 0.0)
-        field, across = ufl.variable(sheet.field), ufl.variable(sheet.stretch[0])
-        sheet.variables = (*parts, *([field] if sheet.driven else []), across)
-        F = kinematics.sheet_gradient(tuple(parts), across)
-        E = ufl.as_vector([field if k == group.normal and sheet.driven else 0 for k in range(3)])
-        sheet.point = Point(x, u, F, E, principal=kinematics.dim == 2)
-
-
-class Layer:
-    """Energy of one layer at the quadrature points, as a function of metric and voltages.
-
-    Args:
-        domain: The mesh.
-        sheet: The layer.
-        energies: Its elastic energy without branches, the electric one, and the sum of all.
-        ports: Terminals, in the order in which their voltages count.
-        degree: Quadrature degree.
-    """
-
-    def __init__(
-        self,
-        domain: Domain,
-        sheet: Sheet,
-        energies: tuple[Any, Any, Any],
-        ports: Sequence[str],
-        degree: int,
-    ) -> None:
-        self._sheet, self._mesh, self._cells = sheet, domain.mesh, domain.cells(sheet.area)
-        points, _ = compat.quadrature(domain.mesh, degree)
-        self._points = len(points)
-        elastic, electric, total = energies
-        variables = sheet.variables
-        slopes = [ufl.diff(total, v) for v in variables]
-        self._pairs = np.triu_indices(len(variables))
-        curvatures = [ufl.diff(slopes[i], variables[j]) for i, j in zip(*self._pairs, strict=True)]
-        both = ufl.as_vector([elastic, electric, *slopes, *curvatures])
-        self._all = compat.expression(both, points)
-        across = variables[-1]
-        by_log = slopes[-1] * across  # in ln s, so that it stays above zero
-        step = by_log / (ufl.diff(slopes[-1], across) * across**2 + by_log)
-        self._step = compat.expression(step, points)
-        self._dofs = compat.cell_dofs(sheet.stretch.function_space)[self._cells]
-        self._ports = list(ports)
-
-    def _volts_to_field(self) -> Any:
-        """Derivative of the layer's variables, all but the last, by metric and voltages."""
-        sheet, ports = self._sheet, self._ports
-        own = len(sheet.variables) - 1
-        size = own - sheet.driven
-        found = np.zeros((own, size + len(ports)))
-        found[:size, :size] = np.eye(size)
-        if sheet.driven:
-            for port, sign in zip(sheet.between, (1, -1), strict=True):
-                if port:
-                    found[size, size + ports.index(port)] += sign / sheet.thickness
-        return found
-
-    def settle(self, volts: Mapping[str, float]) -> None:
-        """Bring the thickness stretch to where it belongs, by Newton's method at each point.
-
-        Where it does not end the stretch is not a number, which the solver sees.
-        """
-        low, high = (volts[port] if port else 0.0 for port in self._sheet.between)
-        self._sheet.field.value = (low - high) / self._sheet.thickness
-        s = self._sheet.stretch.x.array
-        s[~np.isfinite(s)] = 1.0  # what an increment that failed has left
-        for _ in range(_MOST):
-            step = compat.evaluate(self._step, self._mesh, self._cells, self._points)[..., 0]
-            s[self._dofs] *= np.exp(-np.clip(step, -0.5, 0.5))
-            if not np.abs(step).max(initial=0.0) > _ENOUGH:
-                return
-        s[self._dofs[~(np.abs(step) < 1e-9)]] = np.nan
-
-    def derivatives(self) -> tuple[Any, Any, Any]:
-        """Energies (cells, points, 2), and derivatives by metric and voltages, the stretch out.
-
-        Of shape (cells, points, n) and (cells, points, n, n), per area of the mesh.
-        """
-        found = compat.evaluate(self._all, self._mesh, self._cells, self._points)
-        found *= self._sheet.thickness
-        own = len(self._sheet.variables)
-        slopes, packed = found[..., _FIRST : _FIRST + own], found[..., _FIRST + own :]
-        full = np.empty((*slopes.shape, own))
-        full[..., self._pairs[0], self._pairs[1]] = full[..., self._pairs[1], self._pairs[0]] = (
-            packed
-        )
-        mixed = full[..., :-1, -1]
-        both = mixed[..., :, None] * mixed[..., None, :]
-        condensed = full[..., :-1, :-1] - both / full[..., -1:, -1:]
-        T = self._volts_to_field()
-        return found[..., :_FIRST], slopes[..., :-1] @ T, T.T @ condensed @ T
 
 
 class SheetModel:
     """Energies, stress resultants and stiffnesses of a sheet at its quadrature points.
 
     Attributes:
-        wrinkles: Of each part of the base, in tension fields.
-        reference: Quadrature points of the reference cell.
+        wrinkles: Wrinkles on each part of the base, in tension fields.
+        reference: Quadrature points in the reference cell, (points, dim).
 
     Args:
         domain: The mesh.
         spaces: The state.
         groups: The layers, equipped.
-        densities: Elastic energy of a layer without branches, the electric one, and the sum of all.
+        densities: Gives the energies of a layer (see `Problem.densities`).
         ports: Voltages of the terminals by name, UFL variables of constants.
         degree: Quadrature degree.
         measure: Integration over all cells.
-        slack: Stiffness that a wrinkled sheet keeps, of each part of the base, N/mm; None for taut
-            sheets.
+        slack: Remaining stiffness k of wrinkled parts of the base, N/mm; None for taut sheets.
     """
 
     def __init__(
@@ -194,7 +77,7 @@ class SheetModel:
             layer = Layer(domain, group.sheet, densities(group), list(ports), degree)
             self._layers.setdefault(group.sheet.area, []).append(layer)
             self._excess = group.sheet.excess
-        mesh, total = domain.mesh, _FIRST + count + len(self._pairs[0])
+        mesh, total = domain.mesh, FIRST + count + len(self._pairs[0])
         element = compat.quadrature_element(mesh, degree, total)
         self._values = fem.Function(compat.functionspace(mesh, element), name="resultants")
         scalars = compat.functionspace(mesh, compat.quadrature_element(mesh, degree, 1))
@@ -219,7 +102,7 @@ class SheetModel:
         return np.swapaxes(self._excess.x.array.reshape(-1, self._size)[dofs], 1, 2)
 
     def set_excess(self, cells: Any, excess: Any) -> None:
-        """Start from another excess metric, (cells, points, components)."""
+        """Set the excess metric of cells, (cells, points, components)."""
         dofs = compat.cell_dofs(self._excess.function_space)
         array = self._excess.x.array.reshape(-1, self._size)
         array[dofs[cells]] = excess
@@ -234,7 +117,7 @@ class SheetModel:
             self._flags.x.array[dofs[cells]] = flags
 
     def settle(self) -> None:
-        """Bring stretches and wrinkles to where they belong, and find the energy's derivatives."""
+        """Solve for thickness stretches and wrinkles, and store energies and derivatives."""
         volts = {port: float(v.ufl_operands[0].value) for port, v in self._ports.items()}
         dofs = compat.cell_dofs(self._values.function_space)
         packed = self._values.x.array.reshape(-1, self._values.function_space.dofmap.bs)
@@ -252,7 +135,7 @@ class SheetModel:
         ]
 
     def _relaxed(self, area: str, volts: Mapping[str, float]) -> list[Any]:
-        """The same with the wrinkles that make the energy smallest."""
+        """Energies and derivatives with the wrinkles that minimise the energy."""
         if area not in self.wrinkles:
             return self._sum(area, volts)
         wrinkles, cells, size = self.wrinkles[area], self._cells[area], self._size
@@ -280,7 +163,7 @@ class SheetModel:
     # --- forms -----------------------------------------------------------------------------------
 
     def energy(self, name: str) -> Any:
-        """The elastic or the electric energy, mJ; or the wrinkled area as mounted, mm^2."""
+        """Form of the elastic or electric energy, mJ, or of the mounted wrinkled area, mm^2."""
         if name == "wrinkled":
             return self._over(self._flags[0])
         if name == "elastic" and self._slack is not None:
@@ -288,14 +171,14 @@ class SheetModel:
         return self._over(self._values[_ELASTIC if name == "elastic" else _ELECTRIC])
 
     def first(self, test: Any) -> Any:
-        """First variation of the potential."""
+        """Form of the first variation of the potential."""
         total = sum(self._slope(k) * self._varied(k, test) for k in range(self._size))
         if self._slack is not None:
             total += self._springs[0] * ufl.derivative(self._slack, self._w, test)
         return self._over(total)
 
     def second(self, test: Any, trial: Any) -> Any:
-        """Second variation."""
+        """Form of the second variation of the potential."""
         total: Any = 0
         if self._slack is not None:
             total = ufl.derivative(ufl.derivative(self._slack, self._w, test), self._w, trial)
@@ -307,17 +190,17 @@ class SheetModel:
         return self._over(total)
 
     def dual(self, port: str) -> Any:
-        """Derivative of the potential by a voltage."""
+        """Form of the derivative of the potential by a terminal's voltage."""
         return self._over(self._slope(self._number(port)))
 
     def column(self, port: str, test: Any) -> Any:
-        """Derivative of that by the state."""
+        """Form of the second derivative by a terminal's voltage and the state."""
         k = self._number(port)
         parts = (self._hessian(k, j) * self._varied(j, test) for j in range(self._size))
         return self._over(sum(parts))
 
     def corner(self, one: str, other: str) -> Any:
-        """Second derivative of the potential by two voltages."""
+        """Form of the second derivative by the voltages of two terminals."""
         return self._over(self._hessian(self._number(one), self._number(other)))
 
     def _over(self, density: Any) -> Any:
@@ -327,24 +210,24 @@ class SheetModel:
         return self._size + list(self._ports).index(port)
 
     def _slope(self, k: int) -> Any:
-        return self._values[_FIRST + k]
+        return self._values[FIRST + k]
 
     def _hessian(self, i: int, j: int) -> Any:
         low, high = min(i, j), max(i, j)
         pairs = [(int(a), int(b)) for a, b in zip(*self._pairs, strict=True)]
-        return self._values[_FIRST + self._size + len(self._ports) + pairs.index((low, high))]
+        return self._values[FIRST + self._size + len(self._ports) + pairs.index((low, high))]
 
     def _varied(self, k: int, direction: Any) -> Any:
         return ufl.derivative(self._metric[k], self._w, direction)
 
 
 def sheet_faces(domain: Domain, w: Any, name: str) -> Iterator[tuple[str, Point]]:
-    """Parts of a sheet on which one of its faces lies, and a point there.
+    """Parts of the base on which a face lies, and a point on the face.
 
     Args:
         domain: The mesh.
         w: The state.
-        name: Of the face, or of a part of one.
+        name: Name of the face or patch.
     """
     kinematics, laminate = domain.symbolic, domain.device.laminate
     assert laminate is not None

@@ -1,4 +1,4 @@
-"""A converged state, with what is derived from it once for all quantities."""
+"""A converged state, with derived values that several quantities share."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from dealib.results.margins import principal_stretch, smallest
 
 @dataclass(frozen=True)
 class Extremum:
-    """The largest value of a quantity of the films, and where.
+    """The largest value of a quantity of the films, and its place.
 
     Attributes:
         value: The value.
@@ -108,7 +108,7 @@ class Snapshot:
         viscosity: State of the Maxwell branches, if there are some.
         inertia: Velocities and accelerations, if a stage is dynamic.
         through: Volume that has flowed into chambers through each opening, mm^3.
-        peaks: Where the margins are smallest, as far as they have been measured.
+        peaks: Largest value and place of each limit that has been measured.
     """
 
     newton: Newton
@@ -152,9 +152,10 @@ class Snapshot:
         return found + (0.0 if self.viscosity is None else self.viscosity.stored)
 
     def capacitance(self, port: Port) -> float:
-        """Q/V of the one terminal, nF; at 0 V by a unit test voltage with the body frozen.
+        """Q/V of the only terminal, nF.
 
-        So it is of electrodes that charge in time, as if they had charged for long.
+        At 0 V, and for electrodes that charge in time, it is the small-signal capacitance with the
+        body fixed and the electrodes fully charged.
         """
         volts = self.primal(port)
         small = 1e-6 * self.newton.system.problem.domain.sizes.thickness  # 1e-6 kV/mm
@@ -164,7 +165,7 @@ class Snapshot:
 
     @cached_property
     def capacitances(self) -> dict[tuple[str, str], float]:
-        """Charge on each of several terminals at unit voltage of another one, nF."""
+        """Charge on one terminal at unit voltage of another one, nF, by the names of both."""
         names = [port.name for port in self.device.of(TERMINAL)]
         found = capacitance_matrix(self.newton)
         return {(a, b): found[i, j] for i, a in enumerate(names) for j, b in enumerate(names)}
@@ -180,7 +181,7 @@ class Snapshot:
         return port_stiffness(self.newton)
 
     def slope(self, port: Port, blocked: bool) -> float:
-        """Small-signal change of the dual with the value, the other ports blocked or as driven."""
+        """Derivative of a port's dual by its value, other ports blocked or driven as they are."""
         system = self.newton.system
         if blocked:
             k = list(system.ports).index(port.name)
@@ -200,7 +201,7 @@ class Snapshot:
         return float(self.comm.allreduce(mine, op=MPI.MAX))
 
     def peak(self, name: str, of: Callable[[FilmState], Any]) -> float:
-        """Maximum over all films and ranks of values at the points, and remember where."""
+        """Maximum over all films and ranks of values at the points; `peaks` gets its place."""
         mine = (-np.inf, (0.0,) * self.device.kinematics.dim)
         for state in self.states:
             values = of(state)
@@ -226,13 +227,13 @@ class Snapshot:
 
     @cached_property
     def rings(self) -> Rings:
-        """The one film in rings, with the device's capacitance shared out by area and thickness."""
+        """The only film in rings, which share the capacitance by area and thickness."""
         (port,) = self.device.of(TERMINAL)
         return self.films[0].rings(self.states[0].k, self.capacitance(port))
 
     @property
     def resistances(self) -> Array:
-        """Of the rings of one electrode, Gohm."""
+        """Resistances of the rings of one electrode, Gohm."""
         sensing, base = self.config.sensing, self.device.laminate
         assert base is not None
         assert sensing.sheet_resistance is not None

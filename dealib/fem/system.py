@@ -1,4 +1,4 @@
-"""Residual and tangent in the reduced unknowns, assembled without lifting."""
+"""Residual and tangent in the reduced unknowns, which are assembled directly."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 from petsc4py import PETSc
 
@@ -22,60 +21,10 @@ from dealib.fem.constraints import FIELDS
 from dealib.fem.inertia import Inertia
 from dealib.fem.pattern import create_matrix
 from dealib.fem.platform import Platform
+from dealib.fem.port_law import PortLaw
 from dealib.fem.problem import Problem
 
-
-class Element(Protocol):
-    """What loads a port by its value, such as a spring."""
-
-    def load(self, x: float) -> tuple[float, float]:
-        """Load and its slope at a value x, counted from the anchor; the slope continuous."""
-
-
-@dataclass
-class PortLaw:
-    """The equation of one port: its value is given, or its dual balances what loads it.
-
-    Attributes:
-        value: Prescribed value of the port; None if it is loaded instead.
-        load: Load that does not depend on the port's value.
-        elements: What else loads it, each with the value that is its anchor.
-        mass: What hangs on it and moves with it, kg.
-        weights: Weights of the ports' values. In place of the port's own value their sum is
-            prescribed; of a loaded port the sum is taken from the load.
-    """
-
-    value: float | None = None
-    load: float = 0.0
-    elements: tuple[tuple[Element, float], ...] = ()
-    mass: float = 0.0
-    weights: tuple[tuple[str, float], ...] = ()
-
-    @property
-    def fixed(self) -> bool:
-        """Whether the port's own value is given, so that its row and column can be left out."""
-        return self.value is not None and not self.weights
-
-    def balance(self, q: float) -> tuple[float, float]:
-        """The whole load at a value of the port, and its slope."""
-        found = [element.load(q - anchor) for element, anchor in self.elements]
-        return self.load + sum(load for load, _ in found), sum(slope for _, slope in found)
-
-    def residual(self, name: str, values: dict[str, float], internal: float) -> float:
-        """Zero in equilibrium.
-
-        Args:
-            name: Of the port.
-            values: Of all ports.
-            internal: dPi/dq of the body at this port.
-        """
-        weighted = sum(weight * values[port] for port, weight in self.weights)
-        if self.value is not None:
-            return (weighted if self.weights else values[name]) - self.value
-        return internal - self.balance(values[name])[0] + weighted
-
-
-_NOISE = 1e-14  # of a port's column, of its largest entry
+_NOISE = 1e-14  # entry of a port's column over its largest one below which it is rounding
 
 
 class Timings(defaultdict[str, float]):
@@ -99,10 +48,10 @@ class System:
 
     Attributes:
         ports: The equation of each port.
-        values: q at each port, of the last residual.
-        internal: dPi/dq at each port, of the last residual; in motion with the forces of inertia.
-        inertia: What a device in motion feels besides; `None` in equilibrium.
-        charging: What flows along electrodes that charge in time; None if they have no resistance.
+        values: Value of each port at the last residual.
+        internal: dPi/dq at each port at the last residual; in motion with the forces of inertia.
+        inertia: Inertia and damping in a dynamic stage; None in a quasi-static one.
+        charging: Charges of electrodes that charge in time; None without resistance.
         timings: Seconds spent by phase.
         tangents: Number of tangents that have been assembled.
     """
@@ -135,7 +84,7 @@ class System:
             self.values = dict.fromkeys(self.map.ports, 0.0)
 
     def restart(self, timings: Timings) -> None:
-        """Start from zero, with the equations that there are and the numbers of the problem."""
+        """Set the state to zero and all ports to prescribed zeros; numbers are the problem's."""
         self.timings = timings
         self.ports = {name: PortLaw(value=0.0) for name in self.map.ports}
         self.values = dict.fromkeys(self.map.ports, 0.0)
@@ -182,7 +131,7 @@ class System:
 
     @contextmanager
     def elsewhere(self) -> Iterator[None]:
-        """Evaluate residuals of other states for a while (collective)."""
+        """A context for residuals of other states, after which q is expanded again (collective)."""
         kept = self.values, self.internal, self._forces
         try:
             yield
@@ -209,7 +158,7 @@ class System:
         out.assemble()
 
     def _on_platforms(self) -> list[Any]:
-        """The last linear form at the degrees of freedom of each rigid mount, this rank's share."""
+        """Last assembled linear form at the degrees of freedom of each rigid mount, locally."""
         return [self._local_values()[platform.dofs] for platform in self.map.platforms]
 
     def _local_values(self) -> Any:
@@ -231,7 +180,7 @@ class System:
 
     @contextmanager
     def still(self) -> Iterator[None]:
-        """Without inertia, for what a state would be in equilibrium (collective)."""
+        """A context without inertia, for properties of a state as an equilibrium (collective)."""
         kept, self.inertia = self.inertia, None
         try:
             yield
@@ -243,8 +192,9 @@ class System:
     def tangent(self, matrix: Any) -> None:
         """Assemble dr/dq at the state of the last residual.
 
-        A prescribed port loses its column with its row, which keeps the tangent symmetric where the
-        problem is: its step is known, and `eliminate` takes it out of a right-hand side.
+        Row and column of a prescribed port are those of the identity, which keeps a symmetric
+        tangent symmetric. The port's step is known, and `eliminate` moves its part to the
+        right-hand side.
         """
         self.tangents += 1
         with self.timings("assembly"):
@@ -273,21 +223,24 @@ class System:
             self._eliminated = self.take(matrix, 1.0)
 
     def _add(self, matrix: Any, name: str, weights: Iterable[tuple[str, float]]) -> None:
-        """Add to the row of a port, in the columns of ports."""
+        """Add weights to the row of a port, in the columns of other ports."""
         for port, weight in weights if self.map.comm.rank == 0 else ():
             row, column = self.map.ports[name], self.map.ports[port]
             matrix.setValue(row, column, weight, addv=PETSc.InsertMode.ADD_VALUES)
 
     def column(self, port: str) -> Any:
-        """Column of a prescribed port that the last tangent has lost."""
+        """Column of a prescribed port, eliminated from the last tangent."""
         return self._eliminated[port]
 
     def take(self, matrix: Any, diagonal: float = 0.0) -> dict[str, Any]:
-        """Columns of the prescribed ports, which a matrix then has no longer (collective).
+        """Eliminate rows and columns of the prescribed ports from a matrix (collective).
 
         Args:
-            matrix: Of the reduced unknowns, symmetric.
-            diagonal: What is left on its diagonal there.
+            matrix: Symmetric matrix of the reduced unknowns.
+            diagonal: Value on its diagonal there afterwards.
+
+        Returns:
+            The columns by port.
         """
         columns, rows = {}, []
         for name, law in self.ports.items():
@@ -302,10 +255,10 @@ class System:
         return columns
 
     def eliminate(self, right: Any) -> None:
-        """Make a right-hand side fit the last tangent: take the prescribed ports' steps out of it.
+        """Move the known steps of prescribed ports to a right-hand side of the last tangent.
 
         Args:
-            right: Of the equations dr/dq x = right, with x itself in the prescribed ports' rows.
+            right: Right-hand side of dr/dq x = right, with x itself in the prescribed ports' rows.
         """
         steps = self.map.port_values(right)
         for name, column in self._eliminated.items():
@@ -315,7 +268,7 @@ class System:
         right.assemble()
 
     def _pattern(self, matrix: Any) -> None:
-        """Add all that the tangent can have."""
+        """Add all entries that the tangent can have."""
         self._assemble(matrix)
         if self.charging is not None:
             self.charging.assemble(matrix)
@@ -348,7 +301,7 @@ class System:
     def mass(self) -> Any:
         """Mass matrix of the current state (collective), t.
 
-        Ports that no degree of freedom follows, potentials and pressures have rows of zeros.
+        Potentials, pressures, and ports without displacements have rows of zeros.
         """
         inertia, map_ = Inertia(self.problem, self.ports), self.map
         matrix = inertia.matrix(self.matrix)
@@ -361,7 +314,7 @@ class System:
         return matrix
 
     def begin(self, duration: float) -> None:
-        """Prepare a step in time, in s, of a device in motion."""
+        """Prepare a step of a duration in s of a device in motion."""
         moved = self.inertia
         assert moved is not None
         moved.begin(duration)
@@ -374,7 +327,7 @@ class System:
         self.expand(self.q)
 
     def stiffness(self) -> Any:
-        """Second derivatives of the potential by displacements alone, at the problem's state."""
+        """Second derivatives of the potential by displacements only, at the problem's state."""
         matrix = self.matrix.copy()
         matrix.zeroEntries()
         self._assemble(matrix)
@@ -402,17 +355,17 @@ class System:
                 self._add(matrix, name, zip(names, shares.tolist(), strict=True))
 
     def _on_ports(self) -> Iterator[tuple[tuple[str, ...], Any]]:
-        """What the last linear form is along each port of the rigid mounts (collective)."""
+        """Last assembled linear form along each port of the rigid mounts (collective)."""
         for platform, values in zip(self.map.platforms, self._on_platforms(), strict=True):
             yield platform.ports, self._summed(platform.directions(self.values) @ values)
 
     def _add_border(self, matrix: Any, port: str, forms: Iterable[str], noise: float = 0.0) -> None:
-        """Add the row and the column of a port that no degree of freedom follows."""
+        """Add row and column of a port from linear forms; relative `noise` is left out."""
         column = self.q.duplicate()
         column.set(0.0)
         self._add_vector(column, forms, self.map.physical)
         start, _ = column.getOwnershipRange()
-        # a follower pressure's part of nodes inside is rounding, which would miss the pattern
+        # a follower pressure's entries of inner nodes are rounding, outside the matrix's pattern
         least = noise * column.norm(PETSc.NormType.NORM_INFINITY)
         mine = np.flatnonzero(np.abs(column.array_r) > least)
         rows, index = (start + mine).astype(np.int32), np.array([self.map.ports[port]], np.int32)

@@ -1,29 +1,37 @@
-"""What a residual and a step are compared with, by field and by port."""
+"""Tolerances of residuals and steps by field and by port, and the comparison with them."""
 
 from __future__ import annotations
 
+import logging
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from dealib.device.records import CHAMBER, MOUNT, TERMINAL, TURN
+from dealib.fem.constraints import FIELDS
+from dealib.fem.port_law import PortLaw
 from dealib.fem.problem import Problem
-from dealib.fem.system import PortLaw
+from dealib.fem.system import System
 
-_STEP = 1e-7  # negligible step: of the film's thickness, of 1 kV, of its shear modulus
+log = logging.getLogger(__name__)
+
+_ROUNDING = 1e4  # residual over tolerance up to which rounding may be all that is left
+_STEP = 1e-7  # negligible step over the film's thickness, 1 kV, or its shear modulus
 
 
 @dataclass(frozen=True)
 class Tolerances:
-    """Of one problem; fields are in the order of `constraints.FIELDS`.
+    """Tolerances of a problem; fields are in the order of `constraints.FIELDS`.
 
     Attributes:
-        fields: Of the norm of the residual of each field.
-        values: Of the value of a port, where it is prescribed.
-        duals: Of the dual of each port, where it is loaded.
-        steps: Largest steps of each field that cannot matter: mm, kV, mm, MPa.
+        fields: Tolerance of the norm of each field's residual, (fields,).
+        values: Tolerance of the value of a prescribed port.
+        duals: Tolerance of the dual of each loaded port.
+        steps: Largest negligible step of each field, (fields,): mm, kV, mm, MPa.
     """
 
     fields: npt.NDArray[np.float64]
@@ -33,7 +41,7 @@ class Tolerances:
 
     @classmethod
     def of(cls, problem: Problem) -> Tolerances:
-        """`solver.tolerance`, of forces, charges, the air's fictitious forces and the volume."""
+        """Products of `solver.tolerance` and characteristic forces, charges and volumes."""
         sizes, config = problem.domain.sizes, problem.config
         air = sizes.around * max(sizes.height, 1.0) * config.physics.air_stiffness
         scales = np.array([problem.force_scale, problem.charge_scale, air, sizes.volume])
@@ -46,8 +54,67 @@ class Tolerances:
         return cls(fields, config.solver.tolerance, duals, steps)
 
     def of_ports(self, laws: Mapping[str, PortLaw]) -> dict[str, float]:
-        """Of the residual of each port's equation."""
+        """Tolerance of the residual of each port's equation."""
         return {
             name: self.duals[name] if law.value is None else self.values
             for name, law in laws.items()
         }
+
+
+class Judge:
+    """Compares residuals and steps of a system with their tolerances, by field and by port.
+
+    Args:
+        system: The system.
+    """
+
+    def __init__(self, system: System) -> None:
+        self._system, self._tolerances = system, Tolerances.of(system.problem)
+        self._norms, self._worst_port = np.zeros(len(FIELDS)), 0.0
+
+    def size(self, iteration: int) -> float:
+        """Largest part of the system's residual over its tolerance; infinite if undefined.
+
+        Args:
+            iteration: Number for the log.
+        """
+        system, residual = self._system, self._system.residual_vector
+        self._norms = system.field_norms(residual)
+        ports = system.map.port_values(residual)
+        if log.isEnabledFor(logging.DEBUG):
+            shown = [*zip(FIELDS, self._norms, strict=True), *ports.items()]
+            log.debug("  %2d  %s", iteration, "  ".join(f"{k} {abs(v):.1e}" for k, v in shown))
+        limits = self._tolerances.of_ports(system.ports)
+        self._worst_port = max((abs(ports[n]) / limit for n, limit in limits.items()), default=0.0)
+        size = max(self._worst_field, self._worst_port)
+        return size if math.isfinite(size) else math.inf
+
+    @property
+    def _worst_field(self) -> float:
+        return float((self._norms / self._tolerances.fields).max())
+
+    def met(self, step: Any) -> bool:
+        """Whether every field and every port is within its tolerance.
+
+        Near incompressibility the residual cannot fall below its own rounding error, of the order
+        of the bulk modulus. Newton's method has converged there when its step is negligible.
+
+        Args:
+            step: Newton's last step; None before the first.
+        """
+        if not self._worst_port <= 1:
+            return False
+        if self._worst_field <= 1:
+            return True
+        if step is None or not self._worst_field <= _ROUNDING:
+            return False
+        return bool((self._system.field_norms(step) <= self._tolerances.steps).all())
+
+    def told(self, what: str) -> str:
+        """The message of a failure, with the fields that exceed their tolerances."""
+        worst = ", ".join(
+            f"{name} {norm / limit:.1e}"
+            for name, norm, limit in zip(FIELDS, self._norms, self._tolerances.fields, strict=True)
+            if not norm <= limit
+        )
+        return f"{what} (residual over tolerance: {worst or 'ports'})"

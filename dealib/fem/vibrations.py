@@ -1,4 +1,4 @@
-"""Free vibrations about a state, with what the ports do in them."""
+"""Free vibrations about a state, with values and duals of the ports."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from dealib.device.records import TERMINAL
 from dealib.fem.linear import fixed_tangent
 from dealib.fem.modes import Modes, lowest
 from dealib.fem.newton import Newton
-from dealib.fem.system import PortLaw, System
+from dealib.fem.port_law import PortLaw
+from dealib.fem.system import System
 from dealib.fem.viscous import Viscosity
 
 Array = npt.NDArray[np.float64]
-MORE = 2  # modes that are found beyond those asked for, to find these among
+MORE = 2  # further modes that are solved for, so that modes are found again among them
 
 
 @dataclass(frozen=True)
@@ -27,10 +28,10 @@ class Vibrations:
 
     Attributes:
         modes: Squares of the angular frequencies, 1/s^2, and the shapes, of unit mass (1 t).
-        values: Of each port, by mode, in the shapes.
-        duals: Their duals, likewise: dPi/dq.
-        circuits: Of each terminal that is connected the same squares where it is open and where
-            its voltage is held, (2, modes); NaN where a mode is not found again.
+        values: Value of each port in the shapes, (modes,).
+        duals: dPi/dq at each port in the shapes, (modes,).
+        circuits: Squares of the angular frequencies with a terminal open, and with its voltage
+            held, (2, modes), by connected terminal; NaN where a mode is not found again.
     """
 
     modes: Modes
@@ -44,13 +45,13 @@ def vibrations(
 ) -> Vibrations:
     """Vibrations under the ports' equations at the current q (collective).
 
-    Maxwell branches do not relax within a period.
+    It is assumed that Maxwell branches do not relax within a period.
 
     Args:
         newton: The solver.
         viscosity: State of the branches, if there are some.
-        count: How many modes.
-        circuits: Whether to find the modes with each terminal open and closed, too.
+        count: Number of modes.
+        circuits: Whether to find the frequencies with each terminal open and held, too.
     """
     system, kept = newton.system, newton.system.q.copy()
     with nullcontext() if viscosity is None else viscosity.held(lambda branch: True):
@@ -73,7 +74,7 @@ def _vibrations(newton: Newton, count: int, circuits: bool) -> Vibrations:
         {name: np.array([change[k][name] for change in changes]) for name in system.ports}
         for k in range(2)
     )
-    for name, column in heavy.items():  # what holds a port holds the mass at it, too
+    for name, column in heavy.items():  # the dual of a held port balances inertia at it, too
         moved = [column.dot(x) for x in _vectors(system, modes.shapes)]
         duals[name] = duals[name] - modes.values * moved
     found: dict[str, Array] = {}
@@ -81,7 +82,7 @@ def _vibrations(newton: Newton, count: int, circuits: bool) -> Vibrations:
     for port in (p for p in terminals if not p.floating):
         short = system.ports[port.name].value is not None
         with switched(system, port.name, opened=short):
-            # what is heavy is not the port, and the state is the same
+            # the mass matrix is the same, since a terminal has no mass
             other = lowest(fixed_tangent(system), mass, newton.concave, count + MORE)
         same = modes.again(other).values
         both = (same, modes.values) if short else (modes.values, same)
@@ -92,12 +93,12 @@ def _vibrations(newton: Newton, count: int, circuits: bool) -> Vibrations:
 def port_changes(
     system: System, tangent: Any, change: Any
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Change of the ports' values in a change of q, and of their duals dPi/dq (collective).
+    """Changes of the ports' values and of their duals dPi/dq for a change of q (collective).
 
     Args:
-        system: The system, whose last tangent this is.
-        tangent: The same after `fixed_tangent`.
-        change: Of the reduced unknowns.
+        system: The system.
+        tangent: Its last tangent, from `fixed_tangent`.
+        change: Change of the reduced unknowns.
     """
     out = change.duplicate()
     tangent.mult(change, out)
@@ -112,7 +113,7 @@ def port_changes(
 
 @contextmanager
 def switched(system: System, terminal: str, opened: bool) -> Iterator[None]:
-    """Hold the charge of a terminal, or its voltage, in small changes of the state, for a while.
+    """A context in which small changes hold the charge of a terminal, or its voltage.
 
     Args:
         system: The system, at its last residual.

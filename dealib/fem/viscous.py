@@ -1,4 +1,4 @@
-"""The state of all materials with a memory, advanced step by step."""
+"""Internal variables of all materials with branches or softening, advanced step by step."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from dealib.materials.branches import Branch
 from dealib.results import local
 from dealib.results.elements import Array, Cell
 
-_INSTANT, _LONG = 1e-12, 1e12  # over a relaxation time: nothing relaxes, all does
+_INSTANT, _LONG = 1e-12, 1e12  # step over relaxation time: nothing relaxes, everything does
 
 
 class Viscosity:
-    """The state of all materials with a memory, advanced step by step.
+    """Internal variables of all materials with branches or softening.
 
     Attributes:
         dissipated: Energy dissipated so far, mJ.
@@ -77,7 +77,7 @@ class Viscosity:
         self._remember()
 
     def begin(self, duration: float) -> None:
-        """Prepare a step from the last converged state, in s."""
+        """Prepare a step of a duration in s from the last converged state."""
         self._dt, self._ends = duration, None
         for part in self._parts.values():
             if part.material.branches:
@@ -86,9 +86,10 @@ class Viscosity:
 
     @contextmanager
     def held(self, stiff: Callable[[Branch], bool]) -> Iterator[None]:
-        """Let some branches keep C_i for a while, and the others relax at once, in small changes.
+        """A context in which small changes hold C_i of some branches, and the others relax at once.
 
-        The problem's terms are those again afterwards that they were.
+        Args:
+            stiff: Whether C_i of a branch is held.
         """
         values = np.empty(0) if self._terms is None else self._terms.x.array
         kept, before = values.copy(), [list(part.terms) for part in self._parts.values()]
@@ -105,7 +106,7 @@ class Viscosity:
 
     @contextmanager
     def relaxed(self) -> Iterator[None]:
-        """Let all branches have relaxed in the current state, for a while (collective)."""
+        """A context in which all branches have relaxed in the current state (collective)."""
         kept = [(part, part.now) for part in self._parts.values()]
         for part, C in self._metrics():
             internal = part.now.internal.copy()
@@ -118,7 +119,7 @@ class Viscosity:
                 part.now = now
 
     def _reform(self) -> None:
-        """Prepare the current step of the networks whose clock is the energy, to this state."""
+        """Update the networks of permanent sets to a step that ends at the current state."""
         for part, C in self._metrics():
             if part.material.permanent_set is not None:
                 part.reform(C)
@@ -144,15 +145,13 @@ class Viscosity:
             if part.material.mullins is not None:
                 values[dofs[self._layout.cells(part.cells)], part.group.slot] = part.now.peak
         if self._problem.sheet is not None:
-            self._problem.settle()  # its energy is known at its points
+            self._problem.settle()  # a sheet's stored energies depend on the peaks
 
     def error(self) -> float:
-        """Error of the branches' strain in the step just solved, of the order of its square.
+        """Error of the branches' strain in the last step, of second order; 0 without branches.
 
-        0 without branches.
-
-        Root mean square over the volume and, weighted by the moduli, over the branches, of what
-        implicit Euler would do otherwise (collective).
+        It is the difference from implicit Euler, as the root mean square over the volume and, with
+        the moduli as weights, over the branches (collective).
         """
         sums = np.zeros(2)
         for part, end in self._reached():
@@ -163,9 +162,10 @@ class Viscosity:
     def commit(self) -> None:
         """Accept the current state as the end of the step (collective).
 
-        What C_i releases at fixed C, the mean of that at the start and at the end, is dissipated:
-        with the trapezoidal work of the networks' stress it balances what they store exactly. So is
-        what softening takes off the law.
+        The branches dissipate the energy that the change of C_i releases at constant C, taken as
+        the mean of C at the start and at the end. It balances the stored energy exactly with the
+        trapezoidal work of the branches' stress. Softening dissipates the reduction of the law's
+        energy.
         """
         lost = 0.0
         for part, end in self._reached():
@@ -179,7 +179,7 @@ class Viscosity:
 
     @contextmanager
     def tentative(self) -> Iterator[None]:
-        """Accept the current state for a while, to look at it (collective)."""
+        """A context in which the current state is accepted tentatively (collective)."""
         kept = [(part, part.now) for part in self._parts.values()]
         reached, dissipated = self._reached(), self.dissipated
         self.commit()
@@ -205,11 +205,11 @@ class Viscosity:
         return self._total(sum(p.power for p in self._parts.values()))
 
     def gather(self) -> Array | None:
-        """What materials remember in the whole mesh on rank 0, packed (collective).
+        """Internal variables in the whole mesh on rank 0, (cells, points, entries, size).
 
-        Shape (cells, points, entries, size): C_i of each network, then the largest energy in the
-        first component of a law that softens. Cells are those of `local.cells_with_memory`, points
-        those of the quadrature; where a cell has fewer entries than others they are 1.
+        Entries are C_i of each network, packed, then for a law that softens the largest energy in
+        the first component. Cells are those of `local.cells_with_memory`, points are quadrature
+        points. Cells with fewer entries than others are filled with unit tensors (collective).
         """
         count = max(len(p.networks) + p.material.softens for p in self._parts.values())
         shape = (len(self._layout.nodes), len(self._points), count, self._size)
@@ -223,10 +223,10 @@ class Viscosity:
         return np.asarray(whole[local.cells_with_memory(self._problem.config, self._layout.mesh)])
 
     def of_cells(self, group: str, cells: Any, points: Array | None = None) -> Array | None:
-        """The same at points of local cells, (cells, points, entries, size).
+        """Internal variables at points of local cells, (cells, points, entries, size).
 
         Args:
-            group: Their group of regions; None is returned if it remembers nothing.
+            group: Their group of regions; None is returned if it has no internal variables.
             cells: The cells.
             points: Reference points; default the cells' Gauss points.
         """
@@ -238,7 +238,7 @@ class Viscosity:
         return self.at_points(part.packed[index], points)
 
     def at_points(self, gathered: Array, points: Array | None = None) -> Array:
-        """The same at other points; default the Gauss points, at which fields are derived."""
+        """Extrapolate `gather`ed values from quadrature to other points, default Gauss points."""
         cell: Cell = self._layout.cell
         here = cell.shape(self._points)[0]
         there = cell.shape(cell.gauss if points is None else points)[0]
@@ -268,7 +268,7 @@ class Viscosity:
         nodal = self._layout.local()
         for part in self._parts.values():
             across, sheet = None, part.group.sheet
-            if sheet is not None:  # the solver's
+            if sheet is not None:  # the stretch that the solver has found
                 V = sheet.stretch.function_space
                 across = sheet.stretch.x.array[compat.cell_dofs(V)[self._layout.cells(part.cells)]]
             F = part.points.gradient(nodal[part.cells], across)
@@ -276,7 +276,7 @@ class Viscosity:
             yield part, evolution.isochoric(total, self._size)
 
     def _reached(self) -> list[tuple[Part, State]]:
-        """Each part with its state at the end of the step, found once a step."""
+        """Each part with its state at the end of the step, which is found once for each step."""
         if self._ends is None:
             self._ends = [(part, part.end(C)) for part, C in self._metrics()]
         return self._ends

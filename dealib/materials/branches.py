@@ -1,7 +1,7 @@
-"""What gives a hyperelastic law a memory: the parameters of Maxwell branches, and softening.
+"""Parameters of what makes stress depend on the history: Maxwell branches, softening, set.
 
-A branch stores G/2 (tr(C C_i^-1) - 3), where C is the isochoric part of F^T F and C_i the metric
-that it would relax to (`dealib.materials.evolution` says how).
+A branch stores G/2 (tr(C C_i^-1) - 3), where C is the isochoric part of F^T F and C_i the branch's
+internal metric, which relaxes towards C (see `dealib.materials.evolution`).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dealib.units import Stress, Time
 
 
 class Branch(BaseModel):
-    """A neo-Hookean Maxwell branch, of changes of shape only."""
+    """A neo-Hookean Maxwell branch; it resists isochoric deformation only."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -36,7 +36,7 @@ Network = Branch | PermanentSet
 
 
 class Inelastic(BaseModel):
-    """What a law gets besides its own parameters."""
+    """Inelastic parts of a material beside its hyperelastic law."""
 
     branches: tuple[Branch, ...] = Field(
         (),
@@ -53,15 +53,15 @@ class Inelastic(BaseModel):
 
     @property
     def networks(self) -> tuple[Network, ...]:
-        """All that is strained from a state of its own: the branches, and the second network."""
+        """All parts with an internal metric of their own: the branches, and the second network."""
         return self.branches if self.permanent_set is None else (*self.branches, self.permanent_set)
 
     @property
     def softens(self) -> bool:
-        """Whether it knows the largest energy so far."""
+        """Whether its stress depends on the largest energy density so far."""
         return self.mullins is not None or self.permanent_set is not None
 
     @property
     def memory(self) -> tuple[str, ...]:
-        """The keys that make its stress depend on what came before."""
+        """The keys that make its stress depend on the history."""
         return tuple(key for key in Inelastic.model_fields if getattr(self, key))

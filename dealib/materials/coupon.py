@@ -21,19 +21,20 @@ Array = npt.NDArray[np.float64]
 # exponent of the second stretch, and number of directions that are loaded
 MODES = {"uniaxial": (-0.5, 1), "equal-biaxial": (1.0, 2), "pure shear": (0.0, 1)}
 STEP = 0.02  # of the logarithmic stretch
-FINE = 0.005  # the same where the stress has kinks, by softening
+FINE = 0.005  # the same where softening gives the stress kinks
 _RAMP, _HOLD = 8, 60  # fewest steps of a ramp; steps of a hold
 
 
 @dataclass(frozen=True)
 class Path:
-    """A test: what was driven, and when.
+    """The course of a test.
 
     Attributes:
         mode: A key of `MODES`.
-        time: s, ascending, (states,); infinite steps mean equilibrium.
-        stretch: In the loaded direction, (states,).
-        known: Stresses of branches of unit modulus that were computed before.
+        time: Times, s, ascending, (states,); infinite ones mean equilibrium.
+        stretch: Stretch in the loaded direction, (states,).
+        known: Stresses of branches of unit modulus that were computed before, by the name of
+            their evolution and their relaxation time.
     """
 
     mode: str
@@ -52,12 +53,12 @@ class Path:
 def refined(
     time: Sequence[float], stretch: Sequence[float], step: float = STEP
 ) -> tuple[Array, Array, npt.NDArray[np.intp]]:
-    """Steps along straight pieces: even ones where the stretch changes, ever longer ones in holds.
+    """Steps along straight pieces: even ones in ramps, growing ones in holds.
 
     Args:
         time: Times of the corners; infinite ones mean equilibrium.
         stretch: Stretches there.
-        step: Largest one of the logarithmic stretch.
+        step: Largest step of the logarithmic stretch.
 
     Returns:
         Times and stretches, (states,), and which states are the corners.
@@ -84,10 +85,13 @@ def energy(law: type[Law], p: Any, mode: str, stretch: Array) -> tuple[Array, Ar
         law: The law.
         p: Its parameters, as `Law.energy` takes them.
         mode: A key of `MODES`.
-        stretch: In the loaded direction, any shape.
+        stretch: Stretch in the loaded direction, any shape.
+
+    Returns:
+        Both in MPa, of the stretch's shape.
     """
     exponent, loaded = MODES[mode]
-    l = stretch + 1e-30j  # a complex step: exact to rounding
+    l = stretch + 1e-30j  # complex step, exact to rounding
     second = l**exponent
     W = law.isochoric_energy(invariants_of_stretches(l, second, 1 / (l * second)), p)
     return np.real(W), np.imag(W) / 1e-30 / loaded
@@ -98,7 +102,7 @@ def network(path: Path, evolution: Evolution, ratios: Array) -> Array:
 
     Args:
         path: The test.
-        evolution: Of its internal metric.
+        evolution: Evolution of its internal metric.
         ratios: Steps of its clock over its relaxation time, (states - 1, branches).
 
     Returns:

@@ -19,12 +19,12 @@ _TWICE = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])  # an off-diagonal one stands 
 
 
 def identity(size: int = PLANE) -> Array:
-    """The packed unit tensor."""
+    """The packed unit tensor, (size,)."""
     return np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])[:size]
 
 
 def pack(T: Any, size: int = PLANE) -> Array:
-    """Components of symmetric tensors (..., 3, 3)."""
+    """Packed components, (..., size), of symmetric tensors (..., 3, 3)."""
     return np.stack([T[..., i, j] for i, j in INDICES[:size]], axis=-1)
 
 
@@ -37,7 +37,7 @@ def unpack(t: Any) -> Array:
 
 
 def determinant(t: Any) -> Array:
-    """Determinants, shape (...)."""
+    """Determinants of packed tensors, shape (...)."""
     plane = (t[..., 0] * t[..., 1] - t[..., 3] ** 2) * t[..., 2]
     if t.shape[-1] == PLANE:
         return np.asarray(plane)
@@ -46,12 +46,12 @@ def determinant(t: Any) -> Array:
 
 
 def unimodular(t: Any) -> Array:
-    """The same tensors with determinant 1."""
+    """Packed tensors scaled to determinant 1."""
     return np.asarray(t * determinant(t)[..., None] ** (-1 / 3))
 
 
 def inverted(t: Any) -> Array:
-    """Inverses."""
+    """Inverses of packed tensors, packed."""
     if t.shape[-1] == PLANE:
         d = t[..., 0] * t[..., 1] - t[..., 3] ** 2
         out = np.empty(t.shape)
@@ -65,7 +65,7 @@ def inverted(t: Any) -> Array:
 
 
 def contract(a: Any, b: Any) -> Array:
-    """tr(A B), shape (...)."""
+    """tr(A B) of packed tensors, shape (...)."""
     return np.asarray((a * b) @ _TWICE[: a.shape[-1]])
 
 
@@ -75,32 +75,41 @@ def isochoric(F: Any, size: int = PLANE) -> Array:
 
 
 class Evolution(Protocol):
-    """One evolution of C_i, and the energies that belong to it.
+    """An evolution law of C_i, with its energy and its dissipation.
 
-    A time step is of second order, exact at small strain for polylines of the strain, and stable
-    whatever its length.
+    A time step is of second order and unconditionally stable. At small strain it is exact for
+    strains that change linearly within each step.
     """
 
     def step(self, C: Array, internal: Array, ratio: float | Array) -> tuple[Array, Array]:
-        """What a time step takes from its start: history, as C, and weight, (...).
+        """Terms of a time step that are fixed at its start; `end` takes them.
 
         Args:
             C: Isochoric metric at the start, packed.
             internal: C_i at the start.
             ratio: Time step over relaxation time, a number or (...).
+
+        Returns:
+            The history term, packed, and the weight of the metric at the end, (...).
         """
 
     def end(self, history: Array, weight: Array, C: Array) -> Array:
-        """C_i at the end of the step for a metric there."""
+        """C_i at the end of the step.
+
+        Args:
+            history: From `step`.
+            weight: From `step`.
+            C: Isochoric metric at the end, packed.
+        """
 
     def implicit(self, C: Array, internal: Array, ratio: float) -> Array:
-        """The same by an implicit Euler step, of first order."""
+        """C_i after an implicit Euler step, of first order, to a metric C at its end."""
 
     def stored(self, C: Array, internal: Array) -> Array:
-        """Energy density over the modulus."""
+        """Stored energy density over the shear modulus, (...)."""
 
     def power(self, C: Array, internal: Array) -> Array:
-        """Dissipated power density over the modulus, times the relaxation time."""
+        """Dissipated power density times relaxation time over shear modulus, (...)."""
 
 
 def weights(k: Array) -> tuple[Array, Array, Array]:
@@ -118,8 +127,8 @@ def weights(k: Array) -> tuple[Array, Array, Array]:
 class Multiplicative:
     """Multiplicative: dC_i/dt = (C - l C_i) / tau with l = tr(C C_i^-1) / 3, so that det C_i = 1.
 
-    With C linear in time and l constant over a step this has a closed solution but for a factor,
-    which det C_i = 1 gives. Its rule of first order is that of Shutov, Landgraf and Ihlemann
+    With C linear in time and l constant over a step the solution is closed up to a factor, which
+    follows from det C_i = 1. The rule of first order is that of Shutov, Landgraf and Ihlemann
     (Comput. Methods Appl. Mech. Engrg. 265 (2013) 213): implicit Euler is
     (1 + ratio l) C_i(n+1) = C_i(n) + ratio C(n+1), where det C_i = 1 again gives the factor.
     """
@@ -152,7 +161,8 @@ class Multiplicative:
 class Network:
     """Transient network: d(C_i^-1)/dt = (C^-1 - C_i^-1) / tau.
 
-    Linder, Tkachuk and Miehe, J. Mech. Phys. Solids 59 (2011) 2134. The history is one of C_i^-1.
+    Linder, Tkachuk and Miehe, J. Mech. Phys. Solids 59 (2011) 2134. The history term is one of
+    C_i^-1.
     """
 
     def step(self, C: Array, internal: Array, ratio: float | Array) -> tuple[Array, Array]:
@@ -184,6 +194,6 @@ EVOLUTIONS: dict[str, Evolution] = {"multiplicative": Multiplicative(), "network
 
 
 def distance(one: Array, other: Array) -> Array:
-    """Strain between two internal metrics, shape (...)."""
+    """Norm of the strain between two internal metrics, shape (...)."""
     X = unpack(inverted(other)) @ unpack(one - other)
     return np.asarray(np.sqrt(np.abs(np.einsum("...ij,...ji", X, X))) / 2)

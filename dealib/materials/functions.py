@@ -11,7 +11,7 @@ import numpy as np
 def ln(x: Any) -> Any:
     """Natural logarithm of a UFL expression, or of (complex) numbers whose real part is positive.
 
-    Elsewhere numbers give NaN: a complex step would take the jump of arg(x) for a derivative.
+    Other numbers give NaN: a complex step would mistake the jump of arg(x) for a derivative.
     """
     if hasattr(x, "ufl_shape"):
         import ufl
@@ -78,7 +78,7 @@ def chebyshev(x: Any, degree: Any) -> Any:
         def choose(near: Any, far: Any) -> Any:
             return np.where(tau.real < NEAR, near, far)
 
-    # each branch stays finite where the other one counts: UFL's derivatives multiply them by 0 or 1
+    # each branch must stay finite where it is not chosen, since UFL multiplies its derivative by 0
     series: Any = 1.0
     for k in reversed(range(TERMS)):
         series = 1 + series * choose(tau, NEAR) * (degree**2 - k**2) / ((k + 1) * (2 * k + 1))
@@ -87,16 +87,19 @@ def chebyshev(x: Any, degree: Any) -> Any:
     return choose(series, (y**degree + y ** (-degree)) / 2)
 
 
-POLES = np.geomspace(1e-4, 1e4, 24)  # of the rational functions that stand for powers
-_RANGE = np.geomspace(1e-2, 1e2, 2001)  # squared stretches in which they do: stretches of 0.1 to 10
+POLES = np.geomspace(1e-4, 1e4, 24)  # of the rational functions that approximate powers
+_RANGE = np.geomspace(1e-2, 1e2, 2001)  # squared stretches for which they are fitted
 
 
 @functools.cache
 def residues(exponent: float) -> tuple[float, ...]:
     """Weights w_k of x^f = sum of w_k x / (x + t_k) with the poles -t_k, f the exponent's fraction.
 
-    The exponent is that of `power_sum`. In the range of stretches of 0.1 to 10 the power is met to
-    1e-9 and its slope to 1e-8 (1e-6 at the ends).
+    For stretches from 0.1 to 10 the relative error of the power is 1e-9, and that of its slope 1e-8
+    (1e-6 at the ends).
+
+    Args:
+        exponent: As for `power_sum`.
     """
     fraction = _parts(exponent)[1]
     if fraction == 0:

@@ -18,7 +18,7 @@ from dealib.units import Stress, parse, split
 
 @dataclass(frozen=True)
 class Invariants:
-    """Invariants of C = F^T F, isochoric where barred.
+    """Invariants of C = F^T F; the first two are isochoric.
 
     Attributes:
         I1: First isochoric invariant, J^(-2/3) tr C.
@@ -54,8 +54,8 @@ class Law(BaseModel):
         "thesis's rule",
     )
 
-    besides: ClassVar[tuple[str, ...]] = ()  # parameters that Young's modulus leaves open
-    locks: ClassVar[bool] = False  # whether there is a stretch that the law cannot pass
+    besides: ClassVar[tuple[str, ...]] = ()  # parameters that Young's modulus does not set
+    locks: ClassVar[bool] = False  # whether the law has a finite limit of stretch
 
     @classmethod
     def name(cls) -> str:
@@ -70,7 +70,7 @@ class Law(BaseModel):
 
     @classmethod
     def ruled(cls) -> tuple[str, ...]:
-        """Those of them that Young's modulus sets."""
+        """The law's own parameters that Young's modulus sets."""
         return tuple(n for n in cls.names() if n not in cls.besides)
 
     @classmethod
@@ -87,7 +87,7 @@ class Law(BaseModel):
 
         Args:
             modulus: Young's modulus, MPa.
-            given: What else the config gives, with the law's `besides`.
+            given: The other keys of the config; `besides` among them.
         """
 
     @staticmethod
@@ -97,7 +97,7 @@ class Law(BaseModel):
 
         Args:
             i: Invariants of the elastic deformation.
-            p: The parameters, as attributes of the law's names, in MPa.
+            p: The parameters as attributes, moduli in MPa.
         """
 
     @classmethod
@@ -133,7 +133,7 @@ class Law(BaseModel):
 
     @property
     def fixed(self) -> dict[str, Any]:
-        """What else `energy` takes, that decides which function it is."""
+        """Further parameters of `energy`, for which a form is compiled anew."""
         return {}
 
     @property
@@ -143,7 +143,7 @@ class Law(BaseModel):
 
     @property
     def shear_modulus_at_rest(self) -> float:
-        """Shear modulus at small strain, MPa: W = 2 G e^2 in pure shear by the stretch exp(e)."""
+        """Shear modulus at small strain, MPa, from W = 2 G e^2 in pure shear at stretch exp(e)."""
         strain = 1e-3
         sheared = invariants_of_stretches(np.exp(strain), np.exp(-strain), 1.0)
         return float(self.energy(sheared, self.values)) / (2 * strain**2)

@@ -2,8 +2,8 @@
 
 A new law is a new class here: its fields are its parameters, its docstring is its documentation,
 `energy` is all that the solver, the plots and the pre-stretch need. The same function serves the
-UFL forms (symbolic invariants, parameters as constants) and numpy. It separates: a function of the
-isochoric invariants, plus bulk_modulus/2 (J - 1)^2, which the mixed form replaces by its own.
+UFL forms (symbolic invariants, parameters as constants) and numpy. It must be the sum of a function
+of the isochoric invariants and bulk_modulus/2 (J - 1)^2, which the mixed form replaces.
 """
 
 from __future__ import annotations
@@ -206,9 +206,10 @@ class Ogden(Law):
 
     @staticmethod
     def energy(i: Invariants, p: Any) -> Any:
-        """Strain energy density, MPa: from one principal stretch, or where none is known from all.
+        """Strain energy density, MPa.
 
-        With the hoop stretch the other two come from the sum of all three (squared).
+        If the hoop stretch is known, I1 gives the powers of the other two (see `chebyshev`);
+        otherwise I1 and I2 give those of all three (see `power_sum`).
         """
         w = p.bulk_modulus / 2 * (i.J - 1) ** 2
         if i.hoop is None:
@@ -232,7 +233,7 @@ class Ogden(Law):
 
     @property
     def fixed(self) -> dict[str, Any]:
-        """See `Law`: the exponents, which decide how powers are written."""
+        """See `Law`: the exponents, which determine the expressions of powers."""
         return {"exponents": self.alpha}
 
     @model_validator(mode="after")

@@ -28,7 +28,8 @@ def thickness_stretch(law: Law, radial: float, hoop: float) -> float:
             f"({radial:g}, {hoop:g})"
         )
     stress, (low, high) = _thickness_stress(law, radial, hoop), ends
-    while low < (middle := (low + high) / 2) < high:  # to import a library's takes longer than this
+    # bisection: merely importing SciPy's solver takes longer
+    while low < (middle := (low + high) / 2) < high:
         low, high = (low, middle) if stress(middle) > 0 else (middle, high)
     return middle
 
@@ -41,7 +42,7 @@ def thickness_range(law: Law, radial: float, hoop: float) -> tuple[float, float]
 def _thickness_stress(law: Law, radial: float, hoop: float) -> Callable[[float], float]:
     p, h = law.values, 1e-30
 
-    def stress(lz: float) -> float:  # by a complex step: exact to rounding
+    def stress(lz: float) -> float:  # by a complex step, exact to rounding
         return float(law.energy(invariants_of_stretches(radial, hoop, lz + 1j * h), p).imag / h)
 
     return stress
@@ -50,9 +51,12 @@ def _thickness_stress(law: Law, radial: float, hoop: float) -> Callable[[float],
 def bracket(
     stress: Callable[[float], float], guess: float, width: float
 ) -> tuple[float, float] | None:
-    """Where a stress that grows with the stretch changes sign: between guess / width and times it.
+    """Two stretches between which a stress that grows with the stretch changes sign; None if none.
 
-    A law that locks has no stress (NaN) far from the guess; its stress grows without bound before.
+    Args:
+        stress: Stress at a stretch; NaN beyond a law's locking stretch.
+        guess: Stretch near the change of sign.
+        width: The search goes from guess / width to guess * width.
     """
     low = _end(lambda x: -stress(x), guess, guess / width)
     high = _end(stress, guess, guess * width)
@@ -60,7 +64,10 @@ def bracket(
 
 
 def _end(stress: Callable[[float], float], inner: float, outer: float) -> float | None:
-    """A stretch up to an outer one at which a stress is positive, found by bisection from NaN."""
+    """A stretch between two at which a stress is positive; None if there is none.
+
+    While the stress is NaN, the outer stretch moves inwards by bisection.
+    """
     x = outer
     for _ in range(60):
         found = stress(x)

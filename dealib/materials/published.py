@@ -46,11 +46,11 @@ class Entry:
         return f"{self.values['law']}: {rest}"
 
     def with_changes(self, given: Mapping[str, Any], only: tuple[str, ...]) -> dict[str, Any]:
-        """The values with others in their place.
+        """The values, some replaced by those of a config.
 
         Args:
-            given: Keys of a config; youngs_modulus replaces all parameters that it rules.
-            only: Keys of the material besides its law's that are wanted.
+            given: Keys of a config; youngs_modulus replaces all parameters that it sets.
+            only: Keys of the material to keep besides those of its law.
         """
         kept = {"law": self.values["law"]} | self.parameters
         kept |= {k: v for k, v in self.values.items() if k in only}

@@ -16,6 +16,7 @@ from dealib.materials.laws import Law, invariants_of_stretches
 from dealib.materials.prestretch import bracket, thickness_stretch
 
 Array = npt.NDArray[np.float64]
+_LARGEST = 10.0  # stretch up to which stability is examined
 
 
 def nominal_stress(law: Law, stretches: Any) -> Array:
@@ -102,8 +103,8 @@ def stiffness(law: Law, first: Any, second: Any) -> Array:
     The tangent relates the Kirchhoff stresses to the logarithmic principal stretches,
     d2W / d(ln l_i) d(ln l_j), restricted to constant volume at l3 = 1 / (l1 l2). Where it is not
     positive the law violates Hill's inequality dtau : dlne > 0 (R. Hill, Proc. R. Soc. Lond. A 314,
-    457-472, 1970): stretching on asks for less stress. In equal-biaxial stretching that is the peak
-    of the true stress.
+    457-472, 1970): stress falls with further stretching. In equal-biaxial stretching this begins at
+    the peak of the true stress.
 
     Args:
         law: Law with its parameters.
@@ -119,7 +120,8 @@ def stiffness(law: Law, first: Any, second: Any) -> Array:
 def curvature(law: Law, first: Any, second: Any) -> tuple[Array, Array]:
     """First and second derivatives of W by x = ln l1 and y = ln l2, at l3 = 1 / (l1 l2), MPa.
 
-    Complex steps, exact to rounding, and central differences of them, good to 1e-10.
+    First derivatives are complex steps, exact to rounding; second ones are central differences of
+    these, with a relative error of 1e-10.
 
     Args:
         law: Law with its parameters.
@@ -134,7 +136,7 @@ def curvature(law: Law, first: Any, second: Any) -> tuple[Array, Array]:
     first, second = np.asarray(first, dtype=float) ** 2, np.asarray(second, dtype=float) ** 2
     third = 1 / (first * second)
 
-    # W_x after small changes of x, W_y after those of y, and W_y after those of x, at once
+    # columns: W_x at x +- step, W_y at y +- step, W_y at x +- step
     x, y = step * np.array([[1, -1, 0, 0, 1, -1], [0, 0, 1, -1, 0, 0]])
     along = 1j * h * np.array([[1, 1, 0, 0, 0, 0], [0, 0, 1, 1, 1, 1]])
     a, b = (np.exp(2 * z).reshape(-1, *[1] * third.ndim) for z in (x + along[0], y + along[1]))
@@ -147,22 +149,23 @@ def curvature(law: Law, first: Any, second: Any) -> tuple[Array, Array]:
         return np.stack([x1 + x0, y1 + y0]) / 2, second_derivatives
 
 
-def stability_limit(law: Law, mode: str, largest: float = 10.0) -> float:
+def stability_limit(law: Law, mode: str) -> float:
     """Smallest stretch above 1 at which the law is not stable in a mode (see `stiffness`).
 
     Returns:
-        The stretch; infinity if there is none up to `largest`.
+        The stretch; infinity if there is none up to 10.
     """
     from scipy.optimize import brentq
 
     def value(l: Any) -> Array:
         return stiffness(law, l, _SECOND[mode](np.asarray(l, dtype=float)))
 
-    stretches = np.geomspace(1.0, largest, 1000)
+    stretches = np.geomspace(1.0, _LARGEST, 1000)
     found = value(stretches)
     lost = np.flatnonzero(found <= 0)
     locked = np.flatnonzero(~np.isfinite(found))
-    if len(lost) == 0 or (len(locked) and locked[0] <= lost[0] + 1):  # next to it: differences
+    # right before locking the central differences are unreliable
+    if len(lost) == 0 or (len(locked) and locked[0] <= lost[0] + 1):
         return float("inf")
     if lost[0] == 0:
         return 1.0  # not even at rest
@@ -170,7 +173,7 @@ def stability_limit(law: Law, mode: str, largest: float = 10.0) -> float:
 
 
 def softens(law: Law) -> bool:
-    """Whether a law is not stable in some mode (see `stability_limit`)."""
+    """Whether a law loses stability in some mode (see `stability_limit`)."""
     return any(np.isfinite(stability_limit(law, mode)) for mode in MODES)
 
 

@@ -1,7 +1,7 @@
-"""What the largest energy so far does to an elastomer: Mullins softening and permanent set.
+"""Mullins softening and permanent set, which follow from the largest energy density so far.
 
-Both know the history by one number, W_max, the largest value of the law's energy density W at a
-point. Softening scales the law's stress; set is a second network whose chains re-form.
+Both describe the history by one number, W_max, the largest value of the law's energy density W at a
+point. Softening scales the law's stress; permanent set is a second network whose chains re-form.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dealib.materials.law import Invariants, Law
 from dealib.units import Stress
 
 Array = npt.NDArray[np.float64]
-_PIECES = 16  # of the path between two states
+_PIECES = 16  # into which the path between two states is divided
 
 
 class Mullins(BaseModel):
@@ -57,23 +57,23 @@ def softening(W: Any, W_max: Any, p: Any) -> Any:
 
     Args:
         W: Energy density of the law without its volumetric part.
-        W_max: Its largest value so far; where W is above it, it is W.
+        W_max: Its largest value before; W where W exceeds it.
         p: Parameters r and m.
     """
     return 1 - erf(positive(W_max - W) / p.m) / p.r
 
 
 def withheld(W: Any, W_max: Any, p: Any) -> Any:
-    """What softening takes off the law's energy density: W less the integral of eta over W.
+    """Reduction of the law's energy density by softening: W less the integral of eta over W.
 
-    UFL expressions or numbers, as for `softening`. At W = W_max it is what is dissipated since the
-    virgin state.
+    Arguments are UFL expressions or numbers, as for `softening`. At W = W_max it is the energy
+    dissipated since the virgin state.
     """
     return p.m / p.r * (_integral(W_max / p.m) - _integral(positive(W_max - W) / p.m))
 
 
 def _integral(x: Any) -> Any:
-    """Of the error function."""
+    """Integral of the error function from 0 to x, up to a constant."""
     return x * erf(x) + exp(-(x**2)) / np.pi**0.5
 
 
@@ -85,7 +85,7 @@ def energy(law: Law, C: Array) -> Array:
         C: Isochoric metric, packed (see `materials.evolution`), (..., components).
     """
     i = Invariants(C[..., :3].sum(-1), inverted(C)[..., :3].sum(-1), 1.0, C[..., 2])
-    if C.shape[-1] > 4 and C[..., 4:].any():  # then it is no principal direction
+    if C.shape[-1] > 4 and C[..., 4:].any():  # the third axis is no principal direction
         i = Invariants(i.I1, i.I2, 1.0, None)
     return np.asarray(law.isochoric_energy(i, law.values)) + np.zeros(C.shape[:-1])
 
@@ -93,11 +93,11 @@ def energy(law: Law, C: Array) -> Array:
 def path(
     law: Law, given: PermanentSet | None, start: Array, end: Array, inner: Array, peak: Array
 ) -> tuple[Array, Array]:
-    """W_max and C_i of the second network after a straight way from one state to another.
+    """W_max and C_i of the second network after a straight path from one metric to another.
 
     Args:
         law: The law, whose energy is the clock.
-        given: The second network; None without.
+        given: The second network; None if there is none.
         start: Isochoric metric at the start, packed, (..., components).
         end: The same at the end.
         inner: C_i at the start.

@@ -1,10 +1,10 @@
-"""Tension fields: the excess metric that relieves a thin film of compression by fine wrinkles.
+"""Tension fields: the excess metric by which fine wrinkles relieve a thin film of compression.
 
-A film without bending stiffness wrinkles finely where it would be pressed. Its relaxed energy is
-the minimum of its energy over all metrics C + N, N positive semidefinite (A. C. Pipkin, IMA J.
-Appl. Math. 36 (1986) 85): N is what the wrinkles take up. With N = M^2 the minimum is one without
-constraints: where the film is taut M is 0, where it wrinkles one way M has rank 1 and the stress
-along it vanishes, and where it is slack all stress does.
+A film without bending stiffness wrinkles finely where it would be compressed. Its relaxed energy is
+the minimum of its energy over all metrics C + N with N positive semidefinite (A. C. Pipkin, IMA J.
+Appl. Math. 36 (1986) 85); N is the excess length in the wrinkles. With N = M^2 the minimum has no
+constraints. Where the film is taut, M is 0. Where it wrinkles in one direction, M has rank 1 and
+the stress across the wrinkles vanishes. Where it is slack, all stress vanishes.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Evaluate = Callable[[Array], tuple[Array, Array]]
 
-# components of a plane metric: one of a line in plane strain, two of principal directions, three
+# plane metrics: 1 component in plane strain, 2 with known principal directions, 3 in general
 BASES = {
     1: np.array([[[1.0, 0], [0, 0]]]),
     2: np.array([[[1.0, 0], [0, 0]], [[0, 0], [0, 1.0]]]),
     3: np.array([[[1.0, 0], [0, 0]], [[0, 0], [0, 1.0]], [[0, 1.0], [1.0, 0]]]),
 }
-_ENOUGH, _MOST = 1e-11, 60  # step of M at which it is there, and steps
-_PRESSED = 1e-9  # of the stress's size: compression that makes a film wrinkle
+_ENOUGH, _MOST = 1e-11, 60  # step of M at which Newton's method has converged; most steps
+_PRESSED = 1e-9  # compression over the curvature's size at which a film wrinkles
 _FLAT = 1e-7  # M below which a film counts as flat
-_LONGEST = 0.3  # step
+_LONGEST = 0.3  # largest step of M
 
 
 def matrices(components: Array) -> Array:
@@ -41,7 +41,7 @@ def components(matrices: Array, count: int) -> Array:
 
 
 class Wrinkles:
-    """The root M of the excess metric at many points, brought to where the energy is least.
+    """The root M of the excess metric at many points, found by minimising the energy.
 
     Attributes:
         root: M, (points, 2, 2), positive semidefinite.
@@ -57,7 +57,7 @@ class Wrinkles:
 
     @property
     def excess(self) -> Array:
-        """N, (points, count)."""
+        """The excess metric N, (points, count)."""
         return components(self.root @ self.root, len(self._basis))
 
     @property
@@ -72,13 +72,13 @@ class Wrinkles:
         self.root = (vectors * roots[..., None, :]) @ np.swapaxes(vectors, -1, -2)
 
     def relax(self, evaluate: Evaluate) -> Array:
-        """Find M by Newton's method; returns whether each point got there.
+        """Find M by Newton's method; returns whether each point converged, (points,).
 
         Args:
-            evaluate: Derivatives of the energy by the components of C at an excess N: the first
-                ones (points, count), and the second ones (points, count, count).
+            evaluate: Gives the first (points, count) and the second derivatives (points, count,
+                count) of the energy by the components of C, at an excess N.
         """
-        self.root[~np.isfinite(self.root).all(axis=(-1, -2))] = 0.0  # after what failed
+        self.root[~np.isfinite(self.root).all(axis=(-1, -2))] = 0.0  # left by a failed step
         for _ in range(_MOST):
             slope, curvature, known = _known(*evaluate(self.excess))
             if self._kick(slope, curvature):
@@ -98,9 +98,9 @@ class Wrinkles:
         return np.asarray(known & (length <= 1e-8))
 
     def _kick(self, slope: Array, curvature: Array) -> bool:
-        """Start wrinkles where a film is flat and pressed; returns whether there are new ones.
+        """Start wrinkles where a flat film is compressed; returns whether there are new ones.
 
-        A Newton step in N says how deep they are.
+        Their depth is that of a Newton step in N.
         """
         stress = self._stress(slope)
         values, vectors = np.linalg.eigh(stress)
@@ -117,7 +117,7 @@ class Wrinkles:
         return bool(pressed.any())
 
     def _stress(self, slope: Array) -> Array:
-        """The derivative by C as a matrix: that by the component 12 counts twice."""
+        """The derivative by C as a matrix; that by the component 12 holds two entries."""
         halves = np.array([1.0, 1.0, 0.5])[: slope.shape[-1]]
         return matrices(slope * halves)
 
@@ -132,14 +132,11 @@ class Wrinkles:
         return np.einsum("pci,pc->pi", J, slope), hessian, J
 
     def condensed(self, slope: Array, hessian: Array) -> Array:
-        """What the wrinkles, which follow, take off a Hessian.
+        """A Hessian with the wrinkles eliminated by static condensation, (points, n, n).
 
         Args:
             slope: Derivatives by the components of C, (points, count).
-            hessian: By these and further variables, (points, n, n).
-
-        Returns:
-            The same shape.
+            hessian: Second derivatives by these and further variables, (points, n, n).
         """
         count = len(self._basis)
         _, inner, J = self._in_root(slope, hessian[:, :count, :count])
@@ -153,9 +150,9 @@ class Wrinkles:
 
 
 def _known(slope: Array, curvature: Array) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
-    """The same with zeros where an energy has no derivatives, and whether it has, (points,).
+    """Derivatives with zeros where they are not finite, and where they are finite, (points,).
 
-    LAPACK may not end on what is not a number.
+    LAPACK may not return on input that is not a number.
     """
     known = np.asarray(np.isfinite(slope).all(axis=-1) & np.isfinite(curvature).all(axis=(-1, -2)))
     slope, curvature = slope.copy(), curvature.copy()
@@ -164,15 +161,15 @@ def _known(slope: Array, curvature: Array) -> tuple[Array, Array, npt.NDArray[np
 
 
 def extended(F: Array, excess: Array, plane: tuple[int, int]) -> Array:
-    """Deformation gradients of the wrinkled film itself: F^T F + N is its metric.
+    """Deformation gradients of the wrinkled film itself, whose metric is F^T F + N.
 
     Args:
-        F: Of the smooth surface, (..., 3, 3); its columns in the plane are the tangents.
+        F: Of the smooth middle surface, (..., 3, 3); its columns in the plane are the tangents.
         excess: N, (..., count).
         plane: Numbers of the columns that N belongs to.
     """
     columns = list(plane)
-    values, vectors = np.linalg.eigh(matrices(excess))  # between points it may be below zero
+    values, vectors = np.linalg.eigh(matrices(excess))  # interpolation may make it negative
     N = (vectors * values.clip(min=0.0)[..., None, :]) @ np.swapaxes(vectors, -1, -2)
     flat = F[..., columns]
     C = np.swapaxes(flat, -1, -2) @ flat
@@ -182,17 +179,17 @@ def extended(F: Array, excess: Array, plane: tuple[int, int]) -> Array:
 
 
 def crests(F: Array, excess: Array, plane: tuple[int, int]) -> tuple[Array, Array]:
-    """Wrinkles as a picture shows them.
+    """Depth and direction of the wrinkles.
 
     Args:
-        F: Of the smooth surface, (..., 3, 3).
+        F: Of the smooth middle surface, (..., 3, 3).
         excess: N, (..., count).
         plane: Numbers of the columns that N belongs to.
 
     Returns:
-        By how much the film is longer across the crests than the surface, as a share, (...), and
-        that times the dyad of the direction of the crests in the deformed film, (..., 3, 3): a
-        crest has no sign, so that only dyads can be averaged.
+        Excess length of the film across the crests over that of the middle surface, (...); and this
+        share times the dyad of the crests' direction in the deformed film, (..., 3, 3). A crest has
+        no sign, so that only dyads can be averaged.
     """
     flat = F[..., list(plane)]
     C = np.swapaxes(flat, -1, -2) @ flat

@@ -48,7 +48,7 @@ class Here:
 
     @property
     def electric(self) -> Array:
-        """What the field adds to it, MPa."""
+        """Maxwell stress, which adds to the material's true stress, MPa."""
         if not self.material.permittivity:
             return np.zeros_like(self.k.F)
         return np.asarray(self.material.electric_stress(self.k))
@@ -68,7 +68,7 @@ class LocalQuantity:
 
     @property
     def suffix(self) -> str:
-        """What its unit adds to the name of a column."""
+        """Suffix of a column's name, made of the unit."""
         return f"_{self.unit.replace('/', '_per_')}" if self.unit else ""
 
 

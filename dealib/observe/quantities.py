@@ -1,7 +1,7 @@
 """The quantities of a converged state: each is one record, and one column of the history.
 
-To add a column, add a `Quantity` here: its name, unit and label, what it needs of a config, and a
-function of the state. What it means stands in `dealib.observe.reference`.
+To add a column, add a `Quantity` here: its name, unit and label, the condition on the config, and a
+function of the state. Add its meaning to `dealib.observe.reference`.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ Snapshot: TypeAlias = Any  # `fem.snapshot.Snapshot`, which this module must not
 
 @dataclass(frozen=True)
 class Need:
-    """What a config must have for a quantity.
+    """A condition on the config for a quantity to be recorded.
 
     Attributes:
-        text: In words.
-        has: Whether a config has it.
+        text: The condition in words.
+        has: Whether a config meets it.
     """
 
     text: str
@@ -43,13 +43,14 @@ class Quantity:
     """One column of the history.
 
     Attributes:
-        name: Of the column, its unit at the end; a port's suffix follows.
+        name: Name of the column, which ends in the unit; a port's suffix follows.
         unit: Unit; empty for plain numbers.
-        label: In pictures and tables.
-        measure: From a snapshot, and of each port if `kind` is given; None if the program keeps it.
-        needs: What a config must have for it.
-        kind: Kind of port of which each has one.
-        pairs: Whether each pair of ports has one, where there are several.
+        label: Name in pictures and tables.
+        measure: Value from a snapshot and, if `kind` is given, a port; None if the load program
+            itself records it.
+        needs: Condition on the config.
+        kind: Kind of the ports that each have a column of their own.
+        pairs: Whether each pair of ports has a column, where there are several.
     """
 
     name: str
@@ -67,8 +68,8 @@ class Column:
 
     Attributes:
         name: In the history.
-        quantity: What it is of.
-        ports: Ports that it is of.
+        quantity: Its quantity.
+        ports: Its port, or pair of ports.
         probe: Whether a probe of the config measures it.
     """
 
@@ -84,7 +85,7 @@ class Column:
 
     @property
     def label(self) -> str:
-        """In pictures and tables, such as 'displacement of plate'."""
+        """Name in pictures and tables, such as 'displacement of plate'."""
         names = dict.fromkeys(port.name for port in self.ports if port.suffix)
         return f"{self.quantity.label} of {' and '.join(names)}" if names else self.quantity.label
 
@@ -94,7 +95,7 @@ class Column:
         return self.quantity.measure(s, *self.ports)
 
 
-# --- what quantities need ------------------------------------------------------------------------
+# --- conditions on the config --------------------------------------------------------------------
 
 
 def _films(config: Any) -> list[Any]:
@@ -173,9 +174,9 @@ def _breakdown(s: Snapshot) -> float:
 
 
 def _failure(s: Snapshot) -> float:
-    """1 - exp(-integral of (E / E0)^m dV / V0), over the undeformed volume.
+    """1 - exp(-integral of (E / E0)^m dV / V0) over the mounted volume, by the weakest link.
 
-    (W. Weibull, J. Appl. Mech. 18 (1951) 293, of the weakest link.)
+    W. Weibull, J. Appl. Mech. 18 (1951) 293.
     """
     w = s.config.limits.weibull
     of = s.integral(lambda f: (np.linalg.norm(f.k.e, axis=-1) / w.strength) ** w.shape)

@@ -1,4 +1,4 @@
-"""What biases the mount, beyond the elements themselves: a second film is measured by a run."""
+"""The force curve of a bias's second film, by simulation; and a warning beyond given ranges."""
 
 from __future__ import annotations
 
@@ -22,15 +22,18 @@ def second_film(
     """Force of a mirrored second film on the mount, by its stretch beyond flat (collective).
 
     Args:
-        config: Of the device that it biases.
+        config: Config of the device that it biases.
         film: The second film.
-        simulate: Gives the states of a case.
+        simulate: Yields the states of a case.
+
+    Returns:
+        Displacements, mm, and forces, N.
 
     Raises:
-        NotConverged: If the second film cannot be pushed so far.
+        NotConverged: If the second film cannot be displaced as far as the config asks.
     """
     device = second_device(config, film)
-    log.info("the second film of the bias is measured")
+    log.info("simulating the second film of the bias")
     rows = [state.row for state in simulate(Case(device, resolved(device), Path()))]
     # pushed down by -x it pulls its own mount up by -F; mirrored, it pulls this one down by F
     x = [-row["displacement_mm"] for row in rows]
@@ -43,7 +46,7 @@ def second_film(
 
 
 class ReachWatch:
-    """Warns once if a mount leaves what a bias element is known for."""
+    """Warns once if a mount leaves the range for which a bias element is given."""
 
     def __init__(self) -> None:
         self._said = False
@@ -53,7 +56,7 @@ class ReachWatch:
 
         Args:
             row: The history's row.
-            of: What the state is of.
+            of: The engine, at this state.
         """
         for port in of.problem.device.of(MOUNT):
             at = of.newton.system.values[port.name]
@@ -62,7 +65,7 @@ class ReachWatch:
                 if not self._said and not low <= at - anchor <= high:
                     self._said = True
                     log.warning(
-                        "step %d (%s): the mount at %.5g mm is beyond what a bias element is given "
-                        "for (%.5g to %.5g mm); its force goes on straight there",
+                        "step %d (%s): the mount at %.5g mm is outside the range of a bias element "
+                        "(%.5g to %.5g mm), whose force is extrapolated linearly there",
                         *(row["step"], row["stage"], at, low + anchor, high + anchor),
                     )

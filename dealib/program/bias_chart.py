@@ -1,4 +1,4 @@
-"""Solves what the chart of a biased film needs: the film's curves, and their equilibria exactly."""
+"""Computes the chart of a biased film: the film's force curves, and its exact equilibria."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dealib.config.program import MountInput, Stage, TerminalInput
 from dealib.config.wave import reach as reach_of
 from dealib.device.records import MOUNT, TERMINAL
 from dealib.errors import ConfigError, NotConverged, by_caller
-from dealib.fem.system import PortLaw
+from dealib.fem.port_law import PortLaw
 from dealib.program.inputs import drives, law
 from dealib.program.simulation import Simulation
 from dealib.program.turns import alone
@@ -23,6 +23,7 @@ from dealib.results.bias import BiasChart, Equilibrium, crossings
 
 log = logging.getLogger(__name__)
 
+_POINTS = 48  # solved points of each curve
 _FINE = 2001  # points at which curves are compared to tell equilibria apart
 
 
@@ -35,18 +36,14 @@ class _Point:
 
 @alone()
 def chart(
-    case: Case,
-    voltage: float | None = None,
-    reach: tuple[float, float] | None = None,
-    points: int = 48,
+    case: Case, voltage: float | None = None, reach: tuple[float, float] | None = None
 ) -> BiasChart:
     """The chart of the last bias in a case's program.
 
     Args:
-        case: The case; of its materials the law alone counts, without Maxwell branches.
+        case: The case; Maxwell branches of its materials are left out.
         voltage: Full voltage, kV; default the program's largest.
-        reach: Lowest and highest displacement, mm; default where bias and film can meet.
-        points: Solved points of each curve.
+        reach: Lowest and highest displacement, mm; default a range that holds the equilibria.
 
     Raises:
         ConfigError: If there is no bias, no voltage, or no reach to be guessed.
@@ -63,7 +60,7 @@ def chart(
     (mount,) = case.config.device.of(MOUNT)
     bias = law(drives(mount, given, 0.0, 0.0, sample=simulation.sample, stage=stage), 1.0)
     low, high = reach or _reach(case, bias, volts)
-    curves = _film(case, volts, low, high, points)
+    curves = _film(case, volts, low, high)
     u = np.linspace(low, high, _FINE)
     force = np.array([bias.balance(x)[0] for x in u])
     film, equilibria = {}, {}
@@ -76,7 +73,7 @@ def chart(
 
 
 def _in_the_long_run(case: Case) -> Case:
-    """Without Maxwell branches: equilibria are states in which these have relaxed."""
+    """The case without Maxwell branches, which have relaxed in equilibrium."""
     given = case.config.materials
     materials = {k: law.model_copy(update={"branches": ()}) for k, law in given.items()}
     return replace(case, config=case.config.model_copy(update={"materials": materials}))
@@ -99,7 +96,7 @@ def _full_voltage(case: Case) -> float:
 
 
 def _reach(case: Case, bias: PortLaw, volts: float) -> tuple[float, float]:
-    """Displacements between which film and bias can meet."""
+    """Displacements between which film and bias can be in equilibrium, mm."""
     ends = [0.0]
     for element, anchor in bias.elements:
         if isinstance(element, Bistable):
@@ -108,7 +105,7 @@ def _reach(case: Case, bias: PortLaw, volts: float) -> tuple[float, float]:
             ends += [anchor, *(anchor + x for x in element.reach)]
         else:
             ends.append(anchor)
-    if bias.load:  # a weight has no end: see how far it goes
+    if bias.load:  # a weight pulls at any displacement: solve for how far it moves the film
         program = [
             {"stage": "load", "mount": {"force": f"{bias.load!r} N"}, "steps": 8},
             {"stage": "actuate", "terminal": {"voltage": f"{volts!r} kV"}, "steps": 8},
@@ -122,7 +119,7 @@ def _reach(case: Case, bias: PortLaw, volts: float) -> tuple[float, float]:
             f"{case.path}: the bias leaves the mount at 0 mm; give the displacements of the chart "
             + by_caller("with --reach, such as '-4 mm, 0 mm'", "as reach, such as (-4.0, 0.0)")
         )
-    # a film that is far beyond flat on the other side says nothing
+    # equilibria lie on the side to which the bias pulls; a tenth of the span is shown beyond flat
     return max(min(ends), -span), min(max(ends), 0.1 * span) if min(ends) < 0 else max(ends)
 
 
@@ -135,11 +132,11 @@ def _with(case: Case, program: list[dict[str, Any]]) -> Case:
 
 
 def _film(
-    case: Case, volts: float, low: float, high: float, points: int
+    case: Case, volts: float, low: float, high: float
 ) -> dict[float, tuple[Simulation, list[_Point]]]:
     """The film's force over displacement without and with voltage."""
-    down = max(round(points * max(-low, 0) / (high - low)), 0)
-    up = max(points - down, 0) if high > 0 else 0
+    down = max(round(_POINTS * max(-low, 0) / (high - low)), 0)
+    up = max(_POINTS - down, 0) if high > 0 else 0
 
     def move(to: float, steps: int) -> list[dict[str, Any]]:
         there = {"stage": "move", "mount": {"displacement": f"{to!r} mm"}, "steps": steps}
@@ -177,7 +174,7 @@ def _net(curve: Any, bias: PortLaw, u: Any) -> Any:
 def _exact(
     simulation: Simulation, points: list[_Point], volts: float, u: float, curve: Any, bias: PortLaw
 ) -> Equilibrium:
-    """The equilibrium next to where two curves meet, solved with the bias on the mount."""
+    """The equilibrium near a crossing of the two curves, solved with the bias on the mount."""
     stiffness = float(curve(u, 1)) - bias.balance(u)[1]
     newton = simulation.engine.newton
     system = newton.system
@@ -191,8 +188,8 @@ def _exact(
             newton.solve()
         x, force = system.map.port_values(system.q)[mount], system.internal[mount]
         if abs(x - u) > abs(points[1].displacement - points[0].displacement):
-            raise NotConverged("it went to another equilibrium")
+            raise NotConverged("Newton's method went to another equilibrium")
         return Equilibrium(volts, x, force, stiffness)
     except NotConverged as error:
-        log.warning("the equilibrium at %.5g mm is interpolated only: %s", u, str(error))
+        log.warning("the equilibrium at %.5g mm is only interpolated: %s", u, str(error))
         return Equilibrium(volts, u, float(curve(u)), stiffness)

@@ -1,4 +1,4 @@
-"""Preparing a run directory: new, replaced, or taken up where its run stopped."""
+"""Prepares a run directory: a new one, a replaced one, or one whose run is resumed."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from dealib.results.info import INFO
 from dealib.results.lock import Lock
 from dealib.results.reader import Run
 
-# what a resumed run may change: nothing of it enters the equations (a mesh file is compared by
-# its mesh, not by its path)
+# keys that may change when a run is resumed, since no equation depends on them (a mesh file is
+# compared by its mesh, not by its path)
 _FREE = ("name", "description", "output.", "solver.", "mesh.file", "tables.")
 # what runs, pictures and reports leave in their directory
 _OURS = (
@@ -40,19 +40,19 @@ _PATIENCE = 20.0  # s, for the writer of a run that was just killed; it needs le
 def prepare(
     path: Path, case: Case, info: dict[str, Any], overwrite: bool, resume: bool, comm: MPI.Comm
 ) -> tuple[Checkpoint | None, Lock]:
-    """Make the run directory, or take up an existing one (collective).
+    """Make the run directory, or prepare an existing one to be resumed (collective).
 
     Args:
         path: The run directory.
         case: The case to run.
         info: First content of `run.json`; what earlier sessions left there is added to it.
         overwrite: Replace an existing run.
-        resume: Go on with an existing run.
+        resume: Continue an existing run.
         comm: MPI communicator.
 
     Returns:
-        Where to go on, None to start at the beginning (the arrays are on rank 0); and the
-        directory's lock (on rank 0), to be held while the run lasts.
+        The checkpoint from which to continue, its arrays on rank 0, or None to start at the
+        beginning; and the directory's lock (on rank 0), to be held during the run.
 
     Raises:
         DealibError: On every rank, whatever went wrong on rank 0.
@@ -107,7 +107,7 @@ def finished(path: Path, case: Case, comm: MPI.Comm) -> bool:
 
 
 def _make(path: Path, overwrite: bool) -> Lock:
-    """A directory for a new run; of an old one, what is not dealib's is kept."""
+    """Make a directory for a new run; files in it that are not dealib's are kept."""
     if _used(path):
         if not overwrite:
             raise ConfigError(
@@ -134,7 +134,7 @@ def _make(path: Path, overwrite: bool) -> Lock:
 
 
 def _used(path: Path) -> bool:
-    """Whether there is anything at a path but what a killed run has not finished."""
+    """Whether a path holds anything but unfinished files of a killed run."""
     if not path.is_dir():
         return path.exists()
     return any(TEMPORARY not in f.suffixes for f in path.iterdir())
@@ -169,7 +169,7 @@ def _held(path: Path) -> Lock:
 
 
 def _status(path: Path) -> str:
-    """Of the run in a directory; empty if there is none that can be read."""
+    """Status of the run in a directory; empty if there is none that can be read."""
     try:
         return Run(path).status
     except ConfigError:
@@ -212,7 +212,7 @@ def _take_up(path: Path, case: Case, info: dict[str, Any]) -> Checkpoint | None:
 
 
 def _refuse_changes(path: Path, case: Case) -> None:
-    """Refuse to go on with a run of another config."""
+    """Raise `ConfigError` if the config differs from that of the run."""
     try:
         before = Run(path).config
     except ConfigError as error:

@@ -1,4 +1,4 @@
-"""What the stages of a load program work on: the discrete device, its solver and its progress."""
+"""The discrete device with its solver and the progress of its load program, for the stages."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Engine:
         viscosity: State of the Maxwell branches, if there are some.
         newton: The solver.
         inertia: Velocities and accelerations, if a stage is dynamic.
-        predictor: Where it starts.
+        predictor: Initial guesses for the solver.
         progress: How far the program has come.
         normals: Directions across films that are no layers, at the local cells' Gauss points.
 
@@ -52,7 +52,7 @@ class Engine:
         config: The config.
         comm: MPI communicator.
         mesh_file: Where to write the mesh in Gmsh's format, if anywhere.
-        newton: A solver of the same problem that it shares with other engines.
+        newton: A solver of the same problem that is shared with other engines.
     """
 
     def __init__(
@@ -81,24 +81,28 @@ class Engine:
         )
         self.progress = Progress(drives=rest(self.problem.device))
         self.normals = None
-        if self.problem.device.laminate is None:  # the mesh does not say what is across a film
+        if self.problem.device.laminate is None:  # a mesh file does not give films a normal
             self.normals = field_normals(self.newton, self.layout)
             self.layout.add_normals(self.normals)
 
     @property
     def drives(self) -> list[Drive]:
-        """All that drives the ports."""
+        """The drives of all ports."""
         return [drive for drives in self.progress.drives.values() for drive in drives]
 
     def apply(self, at: float) -> tuple[Any, ...]:
-        """Set the ports' equations of a time in the stage; returns the inputs with their names."""
+        """Set the ports' equations at a time in the stage, in cycles.
+
+        Returns:
+            Label and value of each drive, one after the other.
+        """
         for port, drives in self.progress.drives.items():
             self.newton.system.ports[port] = law(drives, at)
         return tuple(x for d in self.drives for x in (d.label, d.at(at)))
 
     @property
     def clocks(self) -> list[Viscosity | Inertia | Charging | Flows]:
-        """What goes on in time in the present stage: to begin, judge and commit its steps."""
+        """The parts of the state that are integrated in time in the current stage."""
         flows = self._flows if self._flows.filled else None
         known = (self.viscosity, self.newton.system.inertia, self.newton.system.charging, flows)
         return [clock for clock in known if clock is not None]
@@ -115,7 +119,7 @@ class Engine:
         self._flows.begin(duration)
         system = self.newton.system
         if system.charging is not None:
-            system.expand(system.q)  # a step that failed may have left the problem elsewhere
+            system.expand(system.q)  # a failed step may have left the problem at another state
             system.charging.begin(duration)
         if self.viscosity is not None:
             self.viscosity.begin(duration)
@@ -123,7 +127,7 @@ class Engine:
             system.begin(duration)
 
     def enter(self, dynamic: bool) -> None:
-        """Enter a stage; motion begins and ends at rest (collective)."""
+        """Enter a stage; motion starts from rest, and a quasi-static stage ends it (collective)."""
         system, inertia = self.newton.system, self.inertia
         if inertia is not None:
             if not dynamic or system.inertia is None:
@@ -132,10 +136,12 @@ class Engine:
         system.inertia = inertia if dynamic else None
 
     def in_time(self) -> dict[str, Any]:
-        """What a checkpoint holds beside the states, on rank 0 (collective).
+        """Arrays of a checkpoint beside the states, on rank 0 (collective).
 
-        'rates' and 'charges' (see `Inertia.gather` and `Charging.gather`; None in equilibrium, and
-        without resistance), and the predictor's rates as 'slopes' (nodal as states are; or None).
+        Returns:
+            'rates' (see `Inertia.gather`; None in a quasi-static stage), 'charges' (see
+            `Charging.gather`; None without resistance), and 'slopes', the nodal rates of the
+            predictor, (rates, nodes, columns), or None.
         """
         system = self.newton.system
         parts = {"rates": system.inertia, "charges": system.charging}
@@ -192,7 +198,7 @@ class Engine:
         return np.array(found) if found else None, np.array(self.comm.bcast(scales, root=0))
 
     def restore(self, saved: Checkpoint) -> None:
-        """Take up a saved state (collective).
+        """Restore a saved state (collective).
 
         Raises:
             ConfigError: If it belongs to another mesh.
@@ -210,7 +216,7 @@ class Engine:
         system, w = self.newton.system, self.problem.spaces.w
         try:
             self.progress = Progress.of(saved.values["progress"])
-        except Exception as error:  # of a file whose content can be anything
+        except Exception as error:  # the file's content can be anything
             raise ConfigError(f"damaged checkpoint ({error!r}); {anew()}") from None
         self.problem.set_prestretch(1.0)
         count = comm.bcast(len(saved.states), root=0)
@@ -242,17 +248,17 @@ class Engine:
                 self.inertia.restore(self.layout, nodal, rates, at)
                 system.inertia = self.inertia
                 system.expand(system.q)
-        # states before row 0 are not saved: they lie on the way to the pre-stretch
+        # states on the way to the pre-stretch, before row 0, are not saved
         self.predictor.restore(saved.values["predictor"], known, ahead)
 
     def plain(self) -> dict[str, Any]:
-        """What a checkpoint holds besides the states (collective)."""
+        """Plain values of a checkpoint (collective)."""
         map_, moved = self.newton.system.map, self.newton.system.inertia
         charging = self.newton.system.charging
         free = {*self.problem.values, *(port for p in map_.platforms for port in p.ports)}
 
         def ports(vectors: Iterable[Any]) -> list[dict[str, float]]:
-            """Of those that no degree of freedom follows."""
+            """Values of the ports that no displacement or potential follows."""
             if not free:
                 return [{} for _ in vectors]
             found = map(map_.port_values, vectors)

@@ -1,4 +1,4 @@
-"""Chambers with openings in time: how much is in them changes with each step."""
+"""Chambers with openings: flow and content, integrated in time."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import replace
 from dealib.config.chamber import Filled
 from dealib.device.device import Device
 from dealib.device.records import CHAMBER
-from dealib.fem.system import PortLaw
+from dealib.fem.port_law import PortLaw
 from dealib.program.inputs import Drives
 
 
@@ -17,16 +17,16 @@ class Flows:
     """Steps in time of all chambers with openings.
 
     Attributes:
-        drives: What drives the ports; changed in place.
-        through: Volume that has flowed in through each opening, mm^3; likewise.
+        drives: The drives of the ports; changed in place.
+        through: Volume that has flowed in through each opening, mm^3; changed in place.
 
     Args:
         device: The device.
         drives: See above.
         through: See above.
         laws: The ports' equations; changed in place.
-        values: Gives those of the ports, in the last residual.
-        least: Volume that errors are compared with at least, mm^3.
+        values: Gives the values of the ports at the last residual.
+        least: Smallest volume with which errors are compared, mm^3.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class Flows:
 
     @property
     def filled(self) -> dict[str, Filled]:
-        """The chambers that are filled now."""
+        """The chambers that are filled with gas or liquid in the current stage."""
         found = {name: self.drives[name][0].element for name in self._chambers}
         return {name: f for name, f in found.items() if isinstance(f, Filled)}
 
@@ -53,12 +53,12 @@ class Flows:
         self.drives[name] = (replace(first, element=filled), *others)
 
     def begin(self, duration: float) -> None:
-        """Prepare a step, in s."""
+        """Prepare a step of a duration in s."""
         for name, filled in self.filled.items():
             self._put(name, filled.model_copy(update={"step": duration}))
 
     def error(self) -> float:
-        """Error of the step just solved over the volume of what is inside, or of the film."""
+        """Error of the step's inflow over the volume inside, or the least one."""
         missed, inside = 0.0, self._least
         for name, filled in self.filled.items():
             x = self._values()[name]
@@ -70,7 +70,10 @@ class Flows:
         return missed / inside
 
     def commit(self) -> None:
-        """Accept the step: small changes of the state see what is inside now, and no flow."""
+        """Accept the step; the ports' equations then have the new content and no flow.
+
+        Small changes of the state are asked of these equations.
+        """
         for name, filled in self.filled.items():
             x = self._values()[name]
             for opening, (flow, _) in filled.flows(x).items():

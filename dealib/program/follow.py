@@ -1,10 +1,10 @@
 """Follows a branch of equilibria by pseudo-arc-length, past limit points and bifurcations.
 
-The equation of the freed port is replaced by that of a plane across the branch, at a distance from
+The equation of the varied port is replaced by that of a plane across the branch, at a distance from
 the last state (H. B. Keller, in: Applications of Bifurcation Theory, Academic Press, 1977, 359;
-see `Pair.arc`). The branch's exact direction is one back-substitution with the tangent. A limit
-point is where the freed variable's part of it changes sign, and is solved for; a bifurcation is
-another change of the number of unstable modes, and is bisected for.
+see `Pair.arc`). The branch's exact tangent takes one back-substitution. At a limit point the varied
+variable's part of it changes sign; Brent's method finds it. Any other change of the number of
+unstable modes is a bifurcation; bisection finds it.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ log = logging.getLogger(__name__)
 
 _ACCURACY = 1e-9  # of a limit point, in steps; the variable's error is of second order in it
 _BISECTIONS = 8  # of the step in which a bifurcation lies
-_TURN = math.cos(math.radians(50))  # of the direction in one step, else it is halved
-_AT_REST = 1e-6  # share of a variable that does not move
+_TURN = math.cos(math.radians(50))  # largest turn of the direction in one step
+_AT_REST = 1e-6  # part of the direction below which a variable does not move
 LIMIT_POINT, BIFURCATION = "limit point", "bifurcation"
 
 
 @dataclass(frozen=True)
 class Found:
-    """A state on the branch, which is the solver's when it is found.
+    """A state on the branch; the solver is at it.
 
     Attributes:
-        step: Distance from the state before, over the sizes.
-        direction: Of the branch, over the sizes.
-        rate: The same of all unknowns.
-        modes: Number of unstable modes under control of the freed variable; at a limit point that
-            before it.
-        kind: `LIMIT_POINT`, `BIFURCATION` or nothing.
+        step: Distance from the previous state, over the sizes.
+        direction: Direction of the branch in both variables, over the sizes.
+        rate: Direction of the branch in all unknowns.
+        modes: Number of unstable modes under control of the varied variable; at a limit point the
+            number before it.
+        kind: `LIMIT_POINT`, `BIFURCATION` or empty.
     """
 
     step: float
@@ -55,17 +55,17 @@ class Branch:
     """Follows one branch.
 
     Attributes:
-        position: Where the path is; kept up to date.
+        position: Current position on the branch; kept up to date.
 
     Args:
-        newton: The solver, at a state under the present control.
+        newton: The solver, at a state under the current control.
         settings: Iterations and cuts.
-        predictor: Where Newton starts.
+        predictor: Initial guesses for Newton's method.
         pair: The two variables.
-        end: Where to stop, as a value of the second variable.
-        steps: In which the way there would be gone straight.
-        position: Where to go on.
-        goal: Value of the freed variable that it moves to first, if the second one is at rest.
+        end: Value of the second variable at which to stop.
+        steps: Number of steps that a straight branch would take.
+        position: Position from which to continue; default the current state.
+        goal: Value towards which the varied variable starts, if the second one is at rest.
     """
 
     def __init__(
@@ -87,10 +87,10 @@ class Branch:
         self._rate: Any = None  # of the last state
 
     def run(self) -> Iterator[Found]:
-        """The states one after another, until the position says it is done.
+        """Yield the states one after another, until `position.done`.
 
         Raises:
-            NotConverged: When a step has been halved too often; the state is the last one.
+            NotConverged: When a step has been halved too often; the solver is at the last state.
         """
         if self.position.step == 0:
             self._start()
@@ -104,13 +104,16 @@ class Branch:
             yield found
 
     def _start(self) -> None:
-        """Direction at the first state: towards the end, else to the goal or away from zero."""
+        """Find the direction at the first state: towards the end, or the goal, or away from zero.
+
+        The branch's tangent is found with a plane of an arbitrary direction, to which it is hardly
+        ever parallel.
+        """
         p, pair = self.position, self.pair
         self.predictor.start()
         self._system.residual(self._system.q, self._system.residual_vector)
         p.point, p.modes, p.step = pair.point(self._system), self._modes(), self._largest
         x, y = p.point
-        # a plane that the branch hardly lies in: where nothing is known, both variables grow
         direction, rate = pair.direction(self.newton, pair.arc(p.point, (0.6, 0.8), 0.0))
         towards = direction[1] * (self.end - y)
         if abs(direction[1]) < _AT_REST:
@@ -119,13 +122,13 @@ class Branch:
         p.rising = math.copysign(1.0, p.direction[0])
 
     def _go_on(self) -> None:
-        """The rate at the state that a position is of."""
+        """Find the rate at the state of a resumed position."""
         p = self.position
         direction, rate = self.pair.direction(self.newton, self.pair.arc(p.point, p.direction, 0.0))
         _, self._rate = _oriented(direction, rate, _along(direction, p.direction))
 
     def _advance(self, kept: Any) -> tuple[Found, int]:
-        """A state further on, and the iterations it took; cut back where Newton fails."""
+        """The next state, and its iterations; the step is halved where Newton's method fails."""
         p = self.position
         smallest = self._largest * 0.5**self.settings.max_cuts
         while True:
@@ -141,7 +144,7 @@ class Branch:
                 log.info("step along the branch cut to %.3g: %s", p.step, str(error))
 
     def _step(self, kept: Any) -> tuple[Found, int]:
-        """The next state, or a special point or the end before it; and the former's iterations."""
+        """The state after a step, or a special point or the end before it; and its iterations."""
         p = self.position
         at = p.length + p.step
         guess = self.predictor.predict(at, ("branch", at))
@@ -151,7 +154,7 @@ class Branch:
         reached = self._solve(kept, p.step, guess)
         iterations = self.newton.iterations
         if _along(reached.direction, p.direction) < _TURN:
-            raise NotConverged("the branch turns too sharply for it")
+            raise NotConverged("the branch turns too sharply for this step")
         beyond = self._beyond()
         if beyond:
             reached = self._last(kept)
@@ -162,7 +165,7 @@ class Branch:
     # --- states ----------------------------------------------------------------------------------
 
     def _solve(self, kept: Any, step: float, guess: Any) -> Found:
-        """The state at a distance from the last one."""
+        """Find the state at a distance from the last one."""
         p = self.position
         self._system.ports[self.pair.port] = self.pair.arc(p.point, p.direction, step)
         guess.copy(self._system.q)
@@ -170,7 +173,7 @@ class Branch:
         return self._found(kept, step)
 
     def _last(self, kept: Any) -> Found:
-        """The state at the end of the second variable, from one just beyond it."""
+        """Find the state at the end of the second variable, from one just beyond it."""
         p = self.position
         self._system.ports[self.pair.port] = self.pair.end(self.end)
         self.newton.solve()
@@ -178,7 +181,7 @@ class Branch:
         return self._found(kept, sum(d * (b - a) / size for d, b, a, size in moved))
 
     def _found(self, kept: Any, step: float) -> Found:
-        """What the solver's state is, after the last one."""
+        """The record of the solver's state, with its direction and its stability."""
         p, port = self.position, self.pair.port
         law, modes = self._system.ports[port], self._modes()
         arc = self.pair.arc(p.point, p.direction, step)
@@ -214,7 +217,7 @@ class Branch:
     # --- special points --------------------------------------------------------------------------
 
     def _limit_point(self, kept: Any, reached: Found) -> Found | None:
-        """The state at which the freed variable turns, if it does so before a state."""
+        """The limit point before a state, if there is one."""
         from scipy.optimize import brentq
 
         p = self.position
@@ -232,12 +235,12 @@ class Branch:
         try:
             turning(brentq(turning, 0.0, 1.0, xtol=_ACCURACY))
         except ValueError:
-            raise NotConverged("it leads to another branch") from None
+            raise NotConverged("the step leads to another branch") from None
         modes = reached.modes if p.modes is None else p.modes
         return replace(found, modes=modes, kind=LIMIT_POINT)
 
     def _bifurcation(self, kept: Any, reached: Found) -> Found | None:
-        """The state behind which the number of unstable modes is another, if there is one."""
+        """The first state with another number of unstable modes, if that changes in the step."""
         p = self.position
         if p.modes is None or reached.modes == p.modes:
             return None
@@ -250,7 +253,7 @@ class Branch:
         return replace(found, kind=BIFURCATION)
 
     def _between(self, kept: Any, reached: Found) -> Callable[[float], Any]:
-        """States at shares of a step, by Hermite's cubic through both ends and their rates."""
+        """A function of a share of the step: Hermite's cubic through both ends and their rates."""
         q, before, step = self._system.q.copy(), self._rate, reached.step
         after = step / _along(reached.direction, self.position.direction)
 
@@ -271,7 +274,7 @@ def _along(one: Two, other: Two) -> float:
 
 
 def _oriented(direction: Two, rate: Any, sense: float) -> tuple[Two, Any]:
-    """A direction, or its opposite if it points against the sense."""
+    """A direction, or its opposite if `sense` is negative."""
     if sense >= 0:
         return direction, rate
     rate.scale(-1.0)

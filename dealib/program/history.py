@@ -1,4 +1,4 @@
-"""The present state as a row of the history: measured, judged, accepted."""
+"""Records converged states as rows of the history."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class State:
     Attributes:
         row: The history's row.
         end_of_stage: Whether it ends a stage.
-        engine: Where it came from; holds the fields until the next state is asked for.
+        engine: Its engine, which holds the fields until the next state is asked for.
         lost: Whether it has more unstable modes than the state before it.
-        modes: Then, displacements of the softest modes on rank 0, (modes, nodes, axes).
+        modes: If so, displacements of the softest modes on rank 0, (modes, nodes, axes).
     """
 
     row: dict[str, Any]
@@ -72,7 +72,7 @@ class _Measured(NamedTuple):
 
 
 class History:
-    """Takes the states of an engine down, one after the other.
+    """Measures the states of an engine and accepts them, one after the other.
 
     Args:
         engine: The engine.
@@ -89,14 +89,14 @@ class History:
         self._reach = ReachWatch()
 
     def met(self, stage: Stage, at: float) -> list[StopWhen]:
-        """The conditions that the present state would meet (collective)."""
+        """The conditions that the current state would meet if it were accepted (collective)."""
         with ExitStack() as tried:
             for clock in self._engine.clocks:
                 tried.enter_context(clock.tentative())
             return self._met(stage, self._measure(stage, at, {}).row)
 
     def accept(self, stage: Stage, at: float, last: bool, more: dict[str, Any]) -> State:
-        """Take the present state as the next one.
+        """Accept the current state as the next row.
 
         Args:
             stage: Its stage.
@@ -139,6 +139,6 @@ class History:
         return _Measured(row | more, snapshot, work)
 
     def _met(self, stage: Stage, row: dict[str, Any]) -> list[StopWhen]:
-        """The conditions that a row meets, those of the run first."""
+        """The conditions that a row meets; those of the run come first."""
         every = (*self._engine.config.stop_when, *stage.stop_when)
         return [c for c in every if c.met(row, self._units[c.column])]

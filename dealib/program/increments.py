@@ -1,4 +1,4 @@
-"""Adaptive increments: cut back and rolled back on failure, grown again, corners never skipped."""
+"""Adaptive increments: halved and repeated on failure, grown again; corners are never skipped."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from dealib.program.predictor import Predictor
 
 log = logging.getLogger(__name__)
 
-_SAFETY = 0.9  # of the increment that would just meet the tolerance
-_AHEAD = 1e-5  # of an increment: how far the inputs move for their rates
-_SMALLEST = 1e-9  # increment, of the first one wanted
+_SAFETY = 0.9  # increment over the one that would just meet the tolerance
+_AHEAD = 1e-5  # increment for the rates of inputs over the last one
+_SMALLEST = 1e-9  # smallest increment over the first target
 
 
 class Clock(Protocol):
-    """What goes on in time."""
+    """A part of the state that is integrated in time."""
 
     def error(self) -> float:
-        """Relative error of the increment just solved, which grows as its square (collective)."""
+        """Relative error of the last increment, of second order in it (collective)."""
 
 
 class _TooCoarse(NotConverged):
     """An increment whose time integration is not accurate enough.
 
     Attributes:
-        factor: By how much to shorten it, besides halving.
+        factor: Factor by which to shorten it, besides halving.
     """
 
     def __init__(self, share: float) -> None:
@@ -44,7 +44,7 @@ class _TooCoarse(NotConverged):
 
 @dataclass
 class StageClock:
-    """Where the increments are in a stage.
+    """Time and increment in a stage.
 
     Attributes:
         now: Time of the last converged state.
@@ -61,9 +61,9 @@ class Increments:
     Attributes:
         newton: The solver; its `system.q` is the state.
         settings: Targets and limits.
-        predictor: Where Newton starts; it lasts over the stages.
-        clock: Where the stage is; kept up to date.
-        clocks: What goes on in time, if the states depend on it.
+        predictor: Initial guesses for Newton's method; it is shared by all stages.
+        clock: Time and increment in the stage; kept up to date.
+        clocks: The parts of the state that are integrated in time.
     """
 
     def __init__(
@@ -147,9 +147,9 @@ class Increments:
                 yield then
 
     def _rate(self, apply: Callable[[float], tuple[Any, ...]], at: float, step: float) -> Any:
-        """How the state just found goes on, if its tangent tells.
+        """Rate of the state just found in the stage's time, by its tangent; None if unknown.
 
-        It does not where something goes on in time: states then depend on the length of a step.
+        There is none where states depend on the length of a step, as in time integration.
         """
         if self.clocks or not self.newton.iterations or not self.predictor.highest:
             return None
@@ -161,7 +161,7 @@ class Increments:
         return rate
 
     def _allowed(self, step: float) -> float:
-        """The next increment that time integration allows.
+        """The largest next increment for the tolerance of time integration.
 
         Raises:
             _TooCoarse: If this one was too large.
@@ -175,7 +175,7 @@ class Increments:
         return _SAFETY * step / math.sqrt(max(share, 1e-12))
 
     def _solve(self, kept: Any, then: float, inputs: tuple[Any, ...]) -> None:
-        """From a prediction if there is one, else (or if that fails) from the last state."""
+        """Solve from a prediction; without one, or if that fails, from the last state."""
         q = self.newton.system.q
         guess = self.predictor.predict(then, inputs)
         if guess is not None:

@@ -14,7 +14,7 @@ from dealib.config.program import ELEMENT, ChamberInput, Course, Input, MountInp
 from dealib.config.wave import Wave
 from dealib.device.device import Device
 from dealib.device.records import TERMINAL, Port
-from dealib.fem.system import PortLaw
+from dealib.fem.port_law import PortLaw
 from dealib.program.waves import Shape
 from dealib.units import DIMENSIONS, GRAVITY
 
@@ -24,17 +24,17 @@ Sample = Callable[[SecondFilm], Element]
 
 @dataclass(frozen=True)
 class Drive:
-    """One thing that drives a port through a stage.
+    """One input of a port during a stage.
 
     Attributes:
-        label: What the user prescribes, such as 'mount.force'.
+        label: Name of the input, such as 'mount.force'.
         unit: Its unit, for messages.
-        kind: The port's value, its dual, or the anchor of an element is prescribed.
+        kind: Whether the port's value, its dual (load), or the anchor of an element is prescribed.
         knots: Values at equal distances in time over one cycle.
-        shape: A wave instead; the first knot is where it begins.
-        sign: From the user's dual to dPi/dq.
-        element: The element.
-        weighs: Whether it is the weight of a mass, which then moves with the port.
+        shape: A wave instead; the first knot is its value at the start.
+        sign: Factor from the prescribed dual to dPi/dq.
+        element: The element, if `kind` is 'element'.
+        weighs: Whether it is the weight of a mass, which moves with the port.
     """
 
     label: str
@@ -55,11 +55,15 @@ class Drive:
         return float(np.interp(cycle_fraction - cycle, np.linspace(0, 1, len(knots)), knots))
 
     def in_cycle(self, cycle: int) -> tuple[float, ...]:
-        """The knots of a cycle, counted from 0: only the first one has to come to the list."""
+        """Knots of a cycle, counted from 0.
+
+        The first knot is the value before the stage, and is left out of later cycles unless the
+        course returns to it.
+        """
         return self.knots[1:] if cycle and self.knots[0] != self.knots[-1] else self.knots
 
     def held(self, cycle_fraction: float) -> Drive:
-        """The same drive, staying at its value at a time."""
+        """The same drive, held at its value at a time."""
         return replace(self, knots=(self.at(cycle_fraction),) * 2, shape=None)
 
     def plain(self) -> dict[str, Any]:
@@ -84,7 +88,7 @@ Drives = tuple[Drive, ...]  # of one port: a value, or loads and elements that a
 
 
 def law(drives: Drives, cycle_fraction: float) -> PortLaw:
-    """The equation at a time of a port that some drives act on."""
+    """The equation of a port at a time in the stage, from the drives that act on it."""
     if drives[0].kind == "value":
         return PortLaw(value=drives[0].at(cycle_fraction))
     return PortLaw(
@@ -95,13 +99,13 @@ def law(drives: Drives, cycle_fraction: float) -> PortLaw:
 
 
 def _label(port: Port, text: str) -> str:
-    """Such as 'mount.force', or 'mounts.plate.force' where there are several mounts."""
+    """A label such as 'mount.force', or 'mounts.plate.force' where there are several mounts."""
     head = f"{port.kind.name}s.{port.name}" if port.suffix else port.kind.name
     return f"{head}.{text}"
 
 
 def plain_drive(port: Port, name: str, knots: tuple[float, ...]) -> Drive:
-    """A port variable that is prescribed."""
+    """The drive of a prescribed port variable."""
     label, (primal, dual) = _label(port, name), port.kind.variables
     if name == primal.name:
         return Drive(label, DIMENSIONS[primal.dimension][0], "value", knots)
@@ -109,7 +113,7 @@ def plain_drive(port: Port, name: str, knots: tuple[float, ...]) -> Drive:
 
 
 def rest(device: Device) -> dict[str, Drives]:
-    """What drives the ports at rest: their values are zero; of floating conductors the charge."""
+    """Drives at rest: the values of all ports are zero, of floating conductors the charge."""
     found: dict[str, Drives] = {}
     for port in device.ports:
         name = (port.kind.dual if port.floating else port.kind.primal).name
@@ -133,8 +137,8 @@ def drives(
         given: The stage's input.
         primal: Value of the port when the stage starts.
         dual: Its dual then.
-        before: What drove it before, held.
-        sample: Measures a second film.
+        before: Its drives in the stage before, held.
+        sample: Computes the force curve of a second film.
         stage: The stage, for a wave.
     """
     dual = _prescribed(before, dual)
@@ -180,13 +184,13 @@ def _loaded(
 
 
 def _released(port: Port, new: Drives, primal: float, dual: float) -> Drives:
-    """Drives, and what held the port when the stage began: it is ramped to zero."""
+    """Add the load that balances the port at the start; it is ramped to zero during the stage."""
     internal = port.kind.sign * dual
-    hand = internal - law(new, 0.0).balance(primal)[0]
-    if abs(hand) <= 1e-9 * abs(internal):
+    previous = internal - law(new, 0.0).balance(primal)[0]
+    if abs(previous) <= 1e-9 * abs(internal):
         return new
-    label = _label(port, "bias (not yet released)")
-    return (*new, Drive(label, DIMENSIONS[port.kind.dual.dimension][0], "load", (hand, 0.0)))
+    label = _label(port, "previous load (ramped to zero)")
+    return (*new, Drive(label, DIMENSIONS[port.kind.dual.dimension][0], "load", (previous, 0.0)))
 
 
 def _bias(
@@ -197,7 +201,7 @@ def _bias(
     sample: Sample | None,
     stage: Stage | None,
 ) -> Drive:
-    """One element; it moves on from where it was if it was there before."""
+    """The drive of one bias element; its anchor moves on if the element was there before."""
     (path, course), (_, given) = part.course, part.given
     label = _label(port, ".".join(("bias", str(index), *path)))
     if isinstance(given, tuple):
@@ -221,13 +225,13 @@ def _moved(
     course: Course,
     of: tuple[Stage | None, str, str] | None = None,
 ) -> Drive:
-    """A drive on its course through a stage.
+    """A drive with its course over a stage.
 
     Args:
         drive: The drive.
-        start: Where it begins; None: where its course does.
+        start: Value at the start; None: the first value of the course.
         course: The course.
-        of: Of a wave: the stage, what follows it, and its dimension.
+        of: For a wave the stage, the quantity, and its dimension.
     """
     if not isinstance(course, Wave):
         return replace(drive, knots=_from(course[0] if start is None else start, course))
@@ -239,12 +243,12 @@ def _moved(
 
 
 def _same(old: Drive, new: Drive) -> bool:
-    """Whether a drive goes on moving what another one has moved."""
+    """Whether two drives have the same label and element, so that one continues the other."""
     return (old.label, _fixed(old.element)) == (new.label, _fixed(new.element))
 
 
 def _fixed(element: Element | Gas | Filled | None) -> Any:
-    """What identifies an element wherever its anchor is."""
+    """The values of an element without its anchor."""
     return element and element.model_dump(exclude={"anchor"})
 
 
@@ -253,13 +257,13 @@ def _weights(masses: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _prescribed(before: Drives, measured: float) -> float:
-    """The dual at which a stage starts: what was prescribed, which is met to a tolerance only."""
+    """The dual at the start of a stage: the prescribed one if there was one, else the measured."""
     loads = bool(before) and all(d.kind == "load" for d in before)
     return sum(d.knots[-1] for d in before) if loads else measured
 
 
 def _from(start: float, knots: tuple[float, ...]) -> tuple[float, ...]:
-    """Knots that begin where the port is: a list that does not is reached from there first."""
+    """Knots of a list; the start is put first unless the list begins with it."""
     if len(knots) > 1 and abs(knots[0] - start) <= 1e-9 * max(map(abs, (*knots, start))):
         return knots
     return (start, *knots)

@@ -1,4 +1,4 @@
-"""The worst of each margin over a run: how much is used, where, when."""
+"""The largest use of each limit over a run, with its place and time."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ def keep(
     row: dict[str, Any],
     axes: tuple[str, ...],
 ) -> None:
-    """Take a state into account, and warn when it is the first beyond a limit of the config.
+    """Update the largest uses with a state; warn if it is the first beyond a limit of the config.
 
     Args:
-        worst: By margin: `use`, the position such as `R_mm`, `step`, `time_s`, `stage`; is updated.
-        peaks: Of the state.
-        row: Its row of the history.
+        worst: `use`, position such as `R_mm`, `step`, `time_s` and `stage` by margin; is updated.
+        peaks: Largest uses in the state.
+        row: The state's row of the history.
         axes: Names of the mesh's coordinates.
     """
     for name, peak in peaks.items():
         before = worst[name]["use"] if name in worst else -1e300
-        if not peak.value > before + 1e-9 * abs(before):  # not by rounding alone
+        if not peak.value > before + 1e-9 * abs(before):  # rounding is no new maximum
             continue
         worst[name] = {
             "use": peak.value,
@@ -47,7 +47,7 @@ def keep(
 
 
 def table(worst: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """For `run.json`: with `ok`; a `use` without bound is null."""
+    """The largest uses for `run.json`, each with `ok`; an infinite `use` is null."""
     return {
         name: {
             **found,

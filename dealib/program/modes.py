@@ -1,4 +1,4 @@
-"""Vibrations about states of a program: frequencies, shapes, and what the ports do in them."""
+"""Vibrations about states of a program: frequencies, shapes, and amplitudes at the ports."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _GRAMS = 1e6  # in a t
 
 
 def at_rest(case: Case, stages: Sequence[str]) -> Case:
-    """The same case to look at states of: every stage through equilibria, its last state stored.
+    """The same case with quasi-static stages, whose last states are stored.
 
     Args:
         case: The case.
@@ -58,12 +58,12 @@ class Watch:
     """Finds the vibrations about states, one after the other (collective).
 
     Attributes:
-        stages: Look at the ends of these; none: where the program ends.
+        stages: Stages at whose ends modes are found; empty: the end of the program.
         along: Stage at each state of which frequencies are found.
-        count: How many modes.
-        rows: Of `modes.csv`, a mode each.
-        curve: Of `frequencies.csv`, a state each; a mode keeps its number by its shape, even where
-            its frequency crosses that of another one.
+        count: Number of modes.
+        rows: Rows of `modes.csv`, one for each mode.
+        curve: Rows of `frequencies.csv`, one for each state. A mode is recognised by its shape and
+            keeps its number where its frequency crosses that of another one.
     """
 
     stages: Sequence[str]
@@ -74,7 +74,7 @@ class Watch:
     _followed: Modes | None = None
 
     def __call__(self, state: State) -> State:
-        """Look at a state; the shapes at the end of a stage are added to it."""
+        """Find modes or frequencies of a state; at the end of a stage it gets the shapes."""
         of, row = state.engine, state.row
         ends = row["stage"] in self.stages if self.stages else ends_program(state)
         wanted = state.end_of_stage and ends
@@ -86,7 +86,7 @@ class Watch:
         found = vibrations(of.newton, of.viscosity, count, circuits=wanted)
         if along:
             before = self._followed
-            # all that were seen once are followed, those that came in from above included
+            # modes beyond `count` are followed too, since they may come in from above
             self._followed = found.modes if before is None else before.again(found.modes)
             self.curve.append(dict(_point(of, row, self._followed.first(self.count))))
         if not wanted:
@@ -96,12 +96,12 @@ class Watch:
         return replace(state, modes=shapes)
 
     def told(self) -> Iterator[str]:
-        """A line a mode."""
+        """One line for each mode."""
         for row in self.rows:
             yield mode_told(row)
 
     def check(self) -> None:
-        """Raise `ConfigError` if nothing was found: the run ended before."""
+        """Raise `ConfigError` if the run ended before the stages did."""
         if not self.rows:
             names = ", ".join(map(repr, self.stages))
             raise ConfigError(f"the run ended before the end of {names}: a condition stopped it")
@@ -123,14 +123,17 @@ def mode_told(row: dict[str, Any]) -> str:
 
 
 def frequency(squares: Any) -> Any:
-    """Hz of squares of angular frequencies, 1/s^2; of growth rates minus the rate over 2 pi."""
+    """Frequency, Hz, from the square of the angular frequency, 1/s^2.
+
+    A negative square belongs to a growing mode, and gives minus its growth rate over 2 pi.
+    """
     return np.sign(squares) * np.sqrt(np.abs(squares)) / (2 * np.pi)
 
 
 def _modes(
     of: Engine, row: dict[str, Any], found: Vibrations, scales: Any
 ) -> Iterator[dict[str, Any]]:
-    """Rows of modes, as they are where their longest displacement is 1 mm."""
+    """Rows of modes, scaled to a largest displacement of 1 mm."""
     device = of.problem.device
     for k, hertz in enumerate(frequency(found.modes.values[: len(scales)])):
         mode = {"stage": row["stage"], "step": row["step"], "mode": k + 1, "frequency_Hz": hertz}
@@ -151,7 +154,7 @@ def _modes(
 
 
 def _point(of: Engine, row: dict[str, Any], modes: Modes) -> Iterator[tuple[str, Any]]:
-    """A state on the curve of frequencies: what the ports do there."""
+    """Row of a state on the curve of frequencies, with the variables of the ports."""
     for name in ("stage", "step", "time_s"):
         yield name, row[name]
     for port in of.problem.device.ports:

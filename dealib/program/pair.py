@@ -1,4 +1,4 @@
-"""Two port variables in which a branch is followed: the equation of an arc, and its direction."""
+"""The two port variables of a followed branch: the equation of the arc, and its direction."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from typing import Any
 from dealib.device.device import Device
 from dealib.device.records import Port, Variable
 from dealib.fem.newton import Newton
+from dealib.fem.port_law import PortLaw
 from dealib.fem.problem import Problem
-from dealib.fem.system import PortLaw, System
+from dealib.fem.system import System
 
 _TILT = 0.05  # least share of a dual in an arc's equation, which keeps it regular
 
@@ -66,7 +67,7 @@ class PortVariable:
         return PortLaw(load=self.sign * at) if self.dual else PortLaw(value=at)
 
     def size(self, problem: Problem) -> float:
-        """Its size for a film: of its span, its strength, its electric strength."""
+        """Its characteristic size, from the film's dimensions, modulus and permittivity."""
         sizes, modulus = problem.domain.sizes, problem.config.film.shear_modulus_at_rest
         permittivity = problem.charge_scale * sizes.thickness / sizes.area
         volts = sizes.thickness * math.sqrt(modulus / permittivity)
@@ -84,12 +85,12 @@ class PortVariable:
 
 @dataclass(frozen=True)
 class Pair:
-    """The variable that is set free and the one beside it, each with a size.
+    """The varied variable and a second one, which together measure the arc length.
 
     Attributes:
-        vary: What is set free.
-        along: What else measures the path.
-        sizes: Of both, in their units.
+        vary: The variable whose port gets the equation of the arc.
+        along: The second variable.
+        sizes: Characteristic sizes of both, in their units.
     """
 
     vary: PortVariable
@@ -98,7 +99,7 @@ class Pair:
 
     @property
     def port(self) -> str:
-        """Whose equation becomes that of the arc."""
+        """Name of the port that gets the equation of the arc."""
         return self.vary.port.name
 
     @property
@@ -115,7 +116,7 @@ class Pair:
         return self.vary.given(x)
 
     def end(self, y: float) -> PortLaw:
-        """The equation of the port that puts the other variable at its end."""
+        """The equation of the port that puts the second variable at its end."""
         if self.crossed:
             return PortLaw(value=y, weights=((self.along.port.name, 1.0),))
         return self.along.given(y)
@@ -123,9 +124,9 @@ class Pair:
     def arc(self, point: Two, direction: Two, step: float) -> PortLaw:
         """The equation direction . (variables - point) / sizes = step.
 
-        Where a dual enters, it is divided by that dual's factor: the tangent then differs from that
-        of the loaded port on its diagonal only, and stays symmetric for the two variables of one
-        port. The factor is kept from zero, which turns the plane of the arc a little.
+        If a dual enters, the equation is divided by the dual's factor. The tangent then differs
+        from that of the loaded port on its diagonal only, and stays symmetric for two variables of
+        one port. The factor is kept away from zero, which turns the plane of the arc slightly.
         """
         weights, dual, right = [], None, step
         parts = zip((self.vary, self.along), point, direction, self.sizes, strict=True)

@@ -1,4 +1,4 @@
-"""Where Newton starts: along the path so far, or where the path has been before."""
+"""Initial guesses for Newton's method: extrapolations of the path, or states met before."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 _MOST, _LEAST = 64, 8  # states that are remembered for the way back
-_ROOM = 256e6  # bytes that more than the fewest of them may take
-_CUBIC = 3  # order through two states and their rates
-_SMOOTH = 0.5  # largest error of a prediction, in steps, on a smooth path
+_ROOM = 256e6  # bytes for remembered states; the least number may exceed it
+_CUBIC = 3  # order of the polynomial through two states and their rates
+_SMOOTH = 0.5  # largest error of a prediction over the step, on a smooth path
 
 
 @dataclass
@@ -23,8 +23,8 @@ class Known:
         at: Time in the stage.
         inputs: The inputs that led to it.
         q: The reduced unknowns.
-        smooth: Whether the path came here without a jump: it was where prediction put it.
-        rate: How q goes on from it in the stage's time; None if that is not known.
+        smooth: Whether the path came here without a jump, that is close to the prediction.
+        rate: Derivative of q by the stage's time; None if not known.
     """
 
     at: float
@@ -35,7 +35,7 @@ class Known:
 
 
 def remembered(unknowns: int) -> int:
-    """How many states of so many unknowns are remembered, here and in a checkpoint."""
+    """Number of states that are remembered, here and in a checkpoint, for a number of unknowns."""
     return int(min(_MOST, max(_LEAST, _ROOM // (8 * unknowns))))
 
 
@@ -43,19 +43,19 @@ def remembered(unknowns: int) -> int:
 class Predictor:
     """Extrapolates a smooth path, and remembers it for the way back.
 
-    Between two corners of the input the last states, and their rates where they are known, are
-    extrapolated by Hermite's polynomial. Its order is the one that would have predicted the last
-    state best, or one more if that was the highest there was. After a corner, inputs that were met
-    just before it are looked up: an elastic body that runs back along a smooth path returns to the
-    states it came through. Newton checks each guess, so memory can save iterations but cannot
-    change a result; a path that jumped (snap-through) is not retraced across its jump.
+    Between two corners of the input, Hermite's polynomial through the last states and their known
+    rates is extrapolated. Its order is the one that would have predicted the last state best, or a
+    higher one if that was the highest possible. After a corner, states with the same inputs are
+    looked up: an elastic body that goes back along a smooth path returns through the same states.
+    Newton's method checks each guess, so that a guess can save iterations but not change a result.
+    A path is not retraced across a jump (snap-through).
 
     Attributes:
         highest: Highest order of the polynomial; 0 always starts from the last state.
         retrace: Whether the body is elastic, so that a way back can lead through known states.
         memory: How many states are remembered (see `remembered`).
         path: Known states, oldest first.
-        segment: Number of them since the last corner, which is the first of these.
+        segment: Number of known states from the last corner on.
         back: Index in `path` of the state that the way back reached; None if not on a way back.
     """
 
@@ -71,7 +71,7 @@ class Predictor:
     def add(self, at: float, inputs: tuple[Any, ...], q: Any, rate: Any = None) -> None:
         """Remember a converged state, and its rate if that is known."""
         known = Known(at, inputs, q.copy(), rate=rate)
-        if self._returned:  # the way back is as smooth as the way there
+        if self._returned:  # as smooth as on the way there
             known.smooth = self.path[(self.back or 0) + 1].smooth
         else:
             known.smooth = self._judge(at, q)
@@ -85,7 +85,7 @@ class Predictor:
             self.back = None if self.back is None else self.back - 1
 
     def start(self) -> None:
-        """A new stage: its clock starts at the last state, if there is one."""
+        """Begin a stage, whose time is 0 at the last state."""
         self.corner()
         if self.path:
             self.path[-1].at = 0.0
@@ -99,18 +99,18 @@ class Predictor:
 
     @property
     def rates(self) -> list[Any]:
-        """The rates that are known."""
+        """The known rates, oldest first."""
         return [known.rate for known in self.path if known.rate is not None]
 
     def predict(self, at: float, inputs: tuple[Any, ...]) -> Any:
-        """A guess of the state at a time, or None if the last state is as good."""
+        """A guess of the state at a time; None if there is none better than the last state."""
         self._returned = False
         if self.highest == 0 or not self.path:
             return None
         return self._recall(inputs) or self._extrapolate(at, self._order)
 
     def plain(self) -> dict[str, Any]:
-        """All but the states, as plain values."""
+        """Everything except states and rates, as plain values."""
         known = [[k.at, list(k.inputs), k.smooth] for k in self.path]
         rest = {"segment": self.segment, "back": self.back, "order": self._order}
         rated = [i for i, k in enumerate(self.path, -len(self.path)) if k.rate is not None]
@@ -119,7 +119,7 @@ class Predictor:
     def restore(
         self, plain: dict[str, Any], states: Sequence[Any], rates: Sequence[Any] = ()
     ) -> None:
-        """Inverse of `plain`, with the last states (those that were kept) and their rates."""
+        """Inverse of `plain`, with the last states as far as they were kept, and their rates."""
         lost = len(plain["known"]) - len(states)
         self.path = [
             Known(at, tuple(inputs), q, smooth)
@@ -132,7 +132,7 @@ class Predictor:
         self.back = None if back is None or back < lost else back - lost
 
     def _recall(self, inputs: tuple[Any, ...]) -> Any:
-        """The state met on the way there, if the path back leads to it."""
+        """The state with the same inputs on the way there, if the path leads back to it."""
         if not self.retrace or self.back is None or self.back < 1:
             return None
         if not self.path[self.back].smooth or not _equal(self.path[self.back - 1].inputs, inputs):
@@ -143,7 +143,7 @@ class Predictor:
         return self.path[self.back].q
 
     def _judge(self, at: float, q: Any) -> bool:
-        """Choose the order that would have predicted a state best; whether it did so well."""
+        """Choose the order that would have predicted a state best; returns if it was good."""
         if not self.path:
             return False
         errors = [_distance(self.path[-1].q, q)]
@@ -156,13 +156,13 @@ class Predictor:
 
     @property
     def _possible(self) -> int:
-        """Order of the polynomial through all states and rates since the corner, at most."""
+        """Highest order of a polynomial through states and rates since the corner."""
         known = self._since
         return min(self.highest, len(known) + sum(k.rate is not None for k in known) - 1)
 
     @property
     def _since(self) -> list[Known]:
-        """The last states, back to the corner at most."""
+        """The last states that a polynomial may need, back to the corner at most."""
         return self.path[-min(self.segment, self.highest + 1) :]
 
     def _extrapolate(self, at: float, order: int) -> Any:

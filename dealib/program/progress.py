@@ -1,4 +1,4 @@
-"""How far a program has come: the plain values that, with the fields, are a checkpoint."""
+"""Progress of a load program: the plain values that make a checkpoint with the fields."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from dealib.program.work import Work
 
 @dataclass
 class Position:
-    """Where the path along a branch is.
+    """Position on a followed branch.
 
     Attributes:
-        sizes: Of both variables; that of the second is its way to the end.
-        length: Of the path so far, over those sizes.
-        step: To try next.
+        sizes: Sizes of both variables; that of the second is its distance to the end.
+        length: Arc length so far, over those sizes.
+        step: Arc length of the next step.
         point: Both variables.
-        direction: Of the branch there, over the sizes.
-        rising: Sign of the freed variable's change from here on.
-        modes: Number of unstable modes from here on; none if not known.
+        direction: Direction of the branch, over the sizes.
+        rising: Sign of the varied variable's change from here on.
+        modes: Number of unstable modes from here on; None if not known.
         count: Number of states.
         done: Whether the end is reached.
     """
@@ -48,24 +48,24 @@ class Position:
 
 @dataclass
 class Progress:
-    """Everything besides the fields that the rest of a program depends on.
+    """Everything that the rest of a program depends on, except for the fields.
 
     Attributes:
         step: Number of the last converged step, -1 before the first.
         time: Its clock time, s.
         stage: Index of its stage; 0 is pre-strain.
         stage_start: Clock time at which the stage began, s.
-        clock: Where the increments are in the stage, in cycles.
-        branch: Where the path is in a stage that follows a branch.
-        drives: What drives the ports.
+        clock: Time and increment in the stage, in cycles.
+        branch: Position in a stage that follows a branch.
+        drives: The drives of each port.
         work: Work done so far.
         row: The last row of the history, none before the first.
         ports: Value and dual of each port in the last state.
         through: Volume that has flowed into chambers through each opening, mm^3.
-        worst: The worst of each margin so far (see `margins.keep`).
+        worst: Largest use of each limit so far (see `margins.keep`).
         over: Whether a condition has ended the stage.
-        stops: What conditions ended: `step`, `time_s`, `stage`, `when`, and `ends`, which is
-            'stage' or 'run'.
+        stops: Stages that a condition ended: `step`, `time_s`, `stage`, `when`, and `ends`, which
+            is 'stage' or 'run'.
     """
 
     step: int = -1

@@ -1,4 +1,4 @@
-"""What a run came from: commit, process."""
+"""Commit and process of a run, for its record."""
 
 from __future__ import annotations
 
@@ -27,5 +27,5 @@ def git_hash() -> str | None:
 
 
 def identity() -> dict[str, Any]:
-    """Which process runs where, to tell a killed run from one that goes on."""
+    """Process and host of a run, which tell a killed run from one that is still running."""
     return {"pid": os.getpid(), "host": platform.node()}

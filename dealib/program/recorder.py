@@ -1,4 +1,4 @@
-"""The observer that has every converged state written."""
+"""The observer that writes every converged state."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dealib.versions import versions
 
 
 class Recorder:
-    """Gives every state to a writer (on rank 0).
+    """Passes every state to a writer (on rank 0).
 
     Args:
         directory: The run directory.

@@ -70,14 +70,14 @@ class Spectrum:
     """Finds the spectrum at the end of a stage (collective).
 
     Attributes:
-        stage: The stage; none: where the program ends.
+        stage: The stage; None: the end of the program.
         terminal: Name of the terminal that is driven.
-        hertz: Frequencies.
-        driver: In series with it.
-        distance: Of the point on the axis at which sound is heard, mm; none: it is not asked for.
-        path: Where it is written as soon as it is found, if anywhere.
-        more: Up to so many frequencies are added where the response turns.
-        rows: Of `response.csv`, a frequency each.
+        hertz: Frequencies, Hz.
+        driver: Impedance in series with the terminal.
+        distance: Distance on the axis at which sound pressure is found, mm; None: no sound.
+        path: File to which the spectrum is written, if any.
+        more: Largest number of frequencies that are added where the response is curved.
+        rows: Rows of `response.csv`, one for each frequency.
     """
 
     stage: str | None
@@ -90,16 +90,16 @@ class Spectrum:
     rows: list[dict[str, float]] = field(default_factory=list)
 
     def __call__(self, state: State) -> State:
-        """Look at a state."""
+        """Find the spectrum if the state ends the stage; returns the state."""
         at_end = ends_program(state) if self.stage is None else state.row["stage"] == self.stage
         if not (state.end_of_stage and at_end):
             return state
         of = state.engine
         with relaxed_state(of.newton, of.viscosity):
             if of.viscosity is not None:
-                _tell_relaxed(of, state.row)
+                _log_relaxed(of, state.row)
             response = Response(of.newton, of.viscosity, self.terminal)
-            probes = _Linear(of, response)
+            probes = _ProbeResponse(of, response)
             face = None if self.distance is None else _Face(of, response)
             changes = response.at(self.hertz, self.more)
             self.rows = [self._row(of, change, probes, face) for change in changes]
@@ -109,19 +109,19 @@ class Spectrum:
         return state
 
     def check(self) -> None:
-        """Raise `ConfigError` if nothing was found: the run ended before."""
+        """Raise `ConfigError` if the run ended before the stage did."""
         if not self.rows:
             problem = "a condition stopped it"
             raise ConfigError(f"the run ended before the end of {self.stage!r}: {problem}")
 
     def _row(
-        self, of: Engine, change: Change, probes: _Linear, face: _Face | None
+        self, of: Engine, change: Change, probes: _ProbeResponse, face: _Face | None
     ) -> dict[str, float]:
         omega, device = 2 * np.pi * change.frequency, of.problem.device
-        charge = -change.duals[self.terminal]  # uC a kV
+        charge = -change.duals[self.terminal]  # uC/kV
         inner = 1 / (1j * omega * charge)  # Gohm
         impedance = inner + self.driver.impedance(omega)
-        share = inner / impedance  # of the source's voltage that the terminal has
+        share = inner / impedance  # voltage at the terminal over that of the source
         row = {"frequency_Hz": float(change.frequency)}
         for port in device.ports:
             if port.name == self.terminal:
@@ -155,17 +155,17 @@ class Spectrum:
 def solve_spectrum(
     case: Case, directory: Path, band: Band, stage: str | None, **options: Any
 ) -> None:
-    """Run a case through its equilibria, and write the spectrum beside it.
+    """Run a case with quasi-static stages, and write a spectrum into its directory.
 
     Args:
         case: The case.
         directory: Run directory.
-        band: Frequencies, and what is driven.
-        stage: At the end of this one; default the last.
-        options: Of `simulate`.
+        band: Frequencies, and the terminal that is driven.
+        stage: Stage at whose end the spectrum is found; default the last one.
+        options: Further arguments of `simulate`.
 
     Raises:
-        ConfigError: If the run ended before.
+        ConfigError: If the run ended before the stage did.
     """
     terminal = terminal_of(case.config, band.of)
     hertz, driver = frequencies(*band.band, band.points), Driver(band.series_resistance)
@@ -176,8 +176,8 @@ def solve_spectrum(
     spectrum.check()
 
 
-class _Linear:
-    """Displacement probes of a change."""
+class _ProbeResponse:
+    """Values of displacement probes in the response."""
 
     def __init__(self, of: Engine, response: Response) -> None:
         config = of.config
@@ -187,7 +187,7 @@ class _Linear:
         self._probes = Probes(of.problem, of.layout) if self._names else None
 
     def of(self, change: Change) -> Iterator[tuple[str, complex]]:
-        """Each one's name and value, mm."""
+        """Name and value of each probe, mm."""
         system = self._response.system
         found = []
         for vector in change.vectors if self._names else ():
@@ -199,20 +199,20 @@ class _Linear:
 
 
 class _Face:
-    """The upper face of a flat body of revolution, which sends sound from a baffle.
+    """The upper face of a disc or an annulus, which radiates sound from a baffle.
 
-    Of a dome z(r) the displaced volume is that of a flat face that moves by u_z - u_r dz/dr. A
-    plate within it moves as its edge does.
+    A dome z(r) displaces the same volume as a flat face that moves by u_z - u_r dz/dr. A rigid
+    plate within an annulus moves like the inner edge.
 
     Raises:
-        ConfigError: If the device is none.
+        ConfigError: If the device is no axisymmetric disc or annulus.
     """
 
     def __init__(self, of: Engine, response: Response) -> None:
         laminate = of.problem.device.laminate
         flat = laminate is not None and laminate.base.along == "R"
         if not (flat and of.problem.kinematics.revolved):
-            raise ConfigError("sound: only of a disc or an annulus, solved around its axis")
+            raise ConfigError("sound: only for a disc or an annulus in the axisymmetric space")
         self._of, self._system = of, response.system
         self._system.expand(self._system.q)
         mesh, nodal = of.layout.mesh, of.layout.gather()
@@ -250,16 +250,16 @@ def _polar(name: str, phase: str, value: complex) -> dict[str, float]:
 
 
 def _phase(port: Port, variable: str) -> str:
-    """Column of the phase; that of a mount's displacement is the phase as such."""
+    """Column of the phase, such as 'force_phase_deg'; 'phase_deg' for a mount's displacement."""
     plain = port.kind is MOUNT and variable == MOUNT.primal.name
     return ("phase_deg" if plain else f"{variable}_phase_deg") + port.suffix
 
 
-def _tell_relaxed(of: Engine, row: dict[str, Any]) -> None:
-    """Say where the branches' relaxing leads the ports."""
+def _log_relaxed(of: Engine, row: dict[str, Any]) -> None:
+    """Log the values of the ports after the branches have relaxed."""
     now = of.port_pairs()
     reached: dict[str, Any] = {}
     for port in of.problem.device.ports:
         for variable, value in zip(port.kind.variables, now[port.name], strict=True):
             reached[port.column(variable)] = value * variable.factor
-    log.info("step %d, its branches relaxed: %s", row["step"], ports_told(reached, "z9.5f"))
+    log.info("step %d with relaxed branches: %s", row["step"], ports_told(reached, "z9.5f"))

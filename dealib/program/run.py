@@ -48,7 +48,7 @@ class Observer(Protocol):
         """Called at each converged state."""
 
     def stop(self, error: BaseException | None) -> None:
-        """Called at the end, with what ended it if not the program's end."""
+        """Called at the end, with the error that ended the run, if any."""
 
 
 class Log:
@@ -106,7 +106,7 @@ def ports_told(
     Args:
         row: Of the history.
         form: Format of the numbers.
-        symbols: Those of the variables that are told.
+        symbols: Symbols of the variables to show.
     """
     found = []
     for column, value in row.items():
@@ -133,18 +133,18 @@ def simulate(
     argv: Sequence[str] | None = None,
     started: float | None = None,
 ) -> Run:
-    """Run a case into its directory; of several threads, one after the other.
+    """Run a case into its directory; threads take turns.
 
     Args:
         case: A loaded case, or a config's path.
         directory: Run directory; default the config's.
         overwrite: Replace an existing run.
-        resume: Go on with an unfinished run; a finished one is left as it is.
-        observers: What else sees each state.
-        beside: Process that writes; default: states are written in the step itself.
-        look: Looks at each state first, and may add to it what is written.
-        resumable: Whether there are checkpoints to go on from; without, more is written at the end.
-        reuse: Gives the solver, of the case before where it fits.
+        resume: Continue an unfinished run; a finished one is left as it is.
+        observers: Further observers of each state.
+        beside: Process that writes; default: this process writes each state before the next step.
+        look: Called with each state first; the state that it returns is observed and written.
+        resumable: Whether to write checkpoints; without them most is written at the end.
+        reuse: Provides the solver, that of the previous case if it fits.
         comm: MPI communicator.
         argv: Command line to record.
         started: `time.perf_counter()` at which the process began, for the timings.
@@ -190,7 +190,7 @@ def simulate(
 
 
 class _Session:
-    """Runs a simulation and keeps `run.json` true, whatever ends it."""
+    """Runs a simulation and brings `run.json` up to date, whatever ends it."""
 
     def __init__(self, path: Path, info: dict[str, Any], begin: float, comm: MPI.Comm) -> None:
         self.path, self.info, self.begin, self.comm = path, info, begin, comm
@@ -258,7 +258,7 @@ class _Session:
                 store.write_info(self.path, self.info)
             except PlatformError:
                 if error is None:
-                    raise  # else the first refusal is the one to report
+                    raise  # otherwise the first error is the one to report
 
 
 def _status(failure: BaseException | None) -> str:

@@ -1,4 +1,4 @@
-"""Signals that ask a run to stop or to report: obeyed between steps, alike on every rank."""
+"""Signals that ask a run to stop or to report; every rank obeys them after the same step."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ _STOP = (signal.SIGINT, signal.SIGTERM)
 
 
 class Signals:
-    """While this context lasts, signals wait for the end of the step in progress.
+    """A context in which signals wait for the end of the current step.
 
-    SIGINT and SIGTERM stop the run there; a second one stops the process at once. SIGUSR1 is
-    answered there. Before `defer` is called there is no step to finish, and they stop it at once.
+    SIGINT and SIGTERM then stop the run; a second one stops the process at once. SIGUSR1 asks for a
+    report. Before `defer` is called there is no step to finish, and the run stops at once.
 
     Args:
         comm: MPI communicator.
     """
 
-    def __init__(self, comm: Any = MPI.COMM_WORLD) -> None:
+    def __init__(self, comm: Any) -> None:
         self._comm = comm
         self._stop = self._report = 0
         self._deferred = False
@@ -42,7 +42,7 @@ class Signals:
             signal.signal(number, handler)
 
     def defer(self) -> None:
-        """From now on there are steps, which are finished first."""
+        """From now on, finish the current step first."""
         self._deferred = True
 
     def obey(self) -> bool:
@@ -67,7 +67,7 @@ class Signals:
         self._stop = number
         for again in _STOP:
             signal.signal(again, signal.SIG_DFL)
-        if self._comm.rank == 0:  # not print: a handler may interrupt one
+        if self._comm.rank == 0:  # a handler may interrupt a print, which is not reentrant
             os.write(2, b"\ndealib: finishing the step; once more to stop at once\n")
 
     def _on_report(self, number: int, frame: FrameType | None) -> None:

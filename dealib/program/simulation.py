@@ -30,16 +30,17 @@ class Simulation:
     """Iterates over the converged states of a case; threads take turns.
 
     Attributes:
-        engine: What the stages work on.
+        engine: The discrete device, its solver and its progress.
 
     Args:
         case: A loaded case.
         comm: MPI communicator.
         mesh_file: Where to write the mesh in Gmsh's format, if anywhere.
-        resume: Go on from there (on any number of ranks) instead of from the start.
-        newton: A solver that it shares with others: it can only go `beside` them.
+        resume: Checkpoint from which to continue, on any number of ranks.
+        newton: A solver shared with another simulation; this one then advances by `beside` only.
         only: Columns of the history to measure; default all.
-        reuse: Gives the solver, that of the simulation before where it fits, which then ends.
+        reuse: Provides the solver. If it is that of an earlier simulation, that one must not be
+            used any more.
 
     Raises:
         ConfigError: If the checkpoint belongs to another mesh.
@@ -86,7 +87,7 @@ class Simulation:
 
     @property
     def steps_planned(self) -> int:
-        """Number of rows after row 0 if no increment is cut (corners off the grid may add some)."""
+        """Number of rows after row 0 if no increment is cut; corners between steps may add some."""
         program = self.case.config.program
         return sum(s.steps * s.cycles for s in program if s.stage != "prestrain")
 
@@ -111,10 +112,10 @@ class Simulation:
                 yield from run(engine, history, stage)
 
     def beside(self, other: Progress, q: Any) -> State:
-        """Take the state beside one of a nearly equal simulation with the same solver (collective).
+        """Find the state by one Newton step from that of a nearly equal simulation (collective).
 
         Args:
-            other: How far that one is.
+            other: Progress of that simulation, which has the same solver.
             q: Its state, at which the solver has been linearised.
         """
         engine, p, at = self.engine, self.progress, other.clock.now
@@ -157,7 +158,7 @@ class Simulation:
             self.engine.check_held(0.0)
 
     def sample(self, film: SecondFilm) -> Sampled:
-        """Measure a second film by a run of its own."""
+        """Compute the force curve of a second film by a simulation of its own."""
         return second_film(self.case.config, film, lambda case: Simulation(case, self.comm))
 
 

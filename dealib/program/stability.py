@@ -1,4 +1,4 @@
-"""A warning when the film comes near the stretch at which its law is not stable any more."""
+"""A warning when the film comes near the stretch at which its law loses stability."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ class StabilityWatch:
             first, second = stretches[lost][stretches[lost].max(axis=1).argmax()]
             log.warning(
                 "step %d (%s): the film, stretched by %.3f x %.3f, %s the stability limit of its "
-                "law; beyond it stretching on asks for less stress, and results depend on the mesh "
-                "(see dealib materials)",
+                "law; beyond it stress falls with further stretching, and results depend on the "
+                "mesh (see dealib materials)",
                 *(row["step"], row["stage"], first, second, said),
             )
             return

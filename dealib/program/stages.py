@@ -18,7 +18,7 @@ from dealib.program.inputs import law, milestones, plain_drive, under_voltage
 from dealib.program.pair import Pair, PortVariable
 from dealib.program.progress import Position
 
-_NEAR = 0.8  # share of a limit that is told where a stage stops
+_NEAR = 0.8  # use of a limit from which on it is named where a stage stops
 log = logging.getLogger(__name__)
 
 
@@ -58,7 +58,7 @@ def ramp(of: Engine, history: History, stage: Stage) -> Iterator[State]:
     fine = any(c.bisect for c in (*of.config.stop_when, *stage.stop_when))
 
     def too_far(at: float, step: float) -> bool:
-        """Whether a condition is met on a step that is to be halved for it."""
+        """Whether a condition is met after a step that is longer than its bisection asks for."""
         halvings = [c.bisect for c in history.met(stage, time(at))] if fine else []
         return bool(halvings) and step > 0.5 ** max(halvings) / stage.steps * (1 + 1e-9)
 
@@ -83,7 +83,8 @@ def follow(of: Engine, history: History, stage: Stage) -> Iterator[State]:
     if p.branch is None:
         way = abs(end - _at(p.ports, along))
         if way <= 1e-9 * along.size(of.problem):
-            raise ConfigError(f"stage {stage.stage!r} begins at the end of its {along.name}")
+            problem = f"begins at the value of {along.name} at which it is to end; change `until`"
+            raise ConfigError(f"stage {stage.stage!r} {problem}")
         p.branch = Position((vary.size(of.problem), way))
     pair = Pair(vary, along, p.branch.sizes)
     goal = limits.get(vary)
@@ -124,7 +125,7 @@ def _at(ports: dict[str, tuple[float, float]], variable: PortVariable) -> float:
 
 
 def _where(branch: Position, pair: Pair) -> str:
-    """Both variables in words."""
+    """Values of both variables, for messages."""
     named = zip((pair.vary, pair.along), branch.point, strict=True)
     return ", ".join(
         f"{v.name} = {value * v.variable.factor:.6g} {v.variable.unit}" for v, value in named
@@ -140,7 +141,7 @@ def _state(
     modes: int | None = None,
     kind: str = "",
 ) -> State:
-    """Accept the present state; where branches are followed, with its stability."""
+    """Accept the current state; if the program follows a branch, with its stability."""
     more: dict[str, Any] = {}
     if any(s.follow is not None for s in of.config.program):
         more["unstable_modes"] = of.newton.unstable_modes() if modes is None else modes
@@ -155,12 +156,12 @@ def _passed(before: float, now: float, limit: float) -> bool:
 
 
 def _failure(of: Engine, stage: Stage, at: float) -> str:
-    """Where the program stopped and what to try."""
+    """Message that says where the program stopped and what to try."""
     inputs = ", ".join(f"{d.label} = {d.at(at):.6g} {d.unit}" for d in of.drives)
     hint = "give the stage more steps"
     of.newton.system.expand(of.newton.system.q)
     if of.problem.locked(0.9):
-        hint = "less load, for a law is stretched to over 90 % of its limit"
+        hint = "reduce the load, for a law is stretched to over 90 % of its limit"
     if stage.stage == "prestrain":
         return f"stage 'prestrain' stopped at {at:.4g} of the pre-stretch; {hint}"
     if under_voltage(of.problem.device, of.progress.drives, at):

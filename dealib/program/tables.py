@@ -20,14 +20,14 @@ Grid = npt.NDArray[np.float64]
 
 
 def tables_case(case: Case, fmu: bool = False) -> Case:
-    """The same device on a walk over all nodes, their ports prescribed.
+    """The same device with a program that visits all nodes of the grid.
 
-    Row by row, the last variable up and down in turn, so that each state is solved from its
-    neighbour.
+    It goes row by row, in alternating directions of the last variable, so that each state is solved
+    from a neighbour.
 
     Args:
         case: The device.
-        fmu: Relax branches, and store the states: an FMU has branches of its own.
+        fmu: Leave branches out, which the FMU has itself, and store the states.
 
     Raises:
         ConfigError: If the config has no `tables`, or branches and is not for an FMU.
@@ -69,15 +69,13 @@ def _check_branches(config: Config, axes: Collection[str], fmu: bool) -> None:
             raise ValueAt(("tables",), f"materials.{name} has branches: {problem}")
         stems = {axis.partition(".")[0] for axis in axes}
         if law.branches and ("pressure" in stems or not stems & {"displacement", "rotation"}):
-            problem = (
-                "an FMU strains them by displacements or rotations; where the device gives way "
-            )
-            problem += "to pressures or voltages alone, they would creep"
+            problem = "in an FMU only displacements and rotations strain them; "
+            problem += "give a displacement or a rotation as a variable, and no pressure"
             raise ValueAt(("tables",), f"materials.{name} has branches: {problem}")
 
 
 def _rows(grids: Sequence[Grid]) -> Iterator[tuple[list[float], Grid]]:
-    """Values of all variables but the last one, and of the last one along a row; to and fro."""
+    """Values of all variables but the last, and those of the last along a row, alternating."""
     *outer, last = grids
     for row, index in enumerate(np.ndindex(*map(len, outer))):
         values = []
@@ -88,7 +86,7 @@ def _rows(grids: Sequence[Grid]) -> Iterator[tuple[list[float], Grid]]:
 
 
 def _stage(name: str, device: Device, given: dict[str, list[float]], steps: int = 1) -> Stage:
-    """A stage that leads variables to a value, or from one to another."""
+    """A stage that moves variables to a value, or from one to another."""
     inputs: dict[str, Any] = {}
     for variable, values in given.items():
         port, stem = device.variables[variable], variable.partition(".")[0]

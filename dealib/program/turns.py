@@ -1,4 +1,4 @@
-"""One thread at a time: PETSc, Gmsh and the compiler of forms do not survive two."""
+"""Lets one thread solve at a time: PETSc, Gmsh and the compiler of forms are not thread-safe."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Courses of ports over a stage that are waves: by a formula, or from a measured file."""
+"""Waves that ports follow over a stage, given by a formula or a measured file."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ class Shape:
 
     Attributes:
         wave: The formula, or the file.
-        duration: Of the stage, s.
+        duration: Duration of the stage, s.
         first: Share of it that the first step takes.
-        times: Of measured points, s; empty of a formula.
-        values: Values there.
+        times: Times of measured points, s; empty for a formula.
+        values: Values at these times.
     """
 
     wave: Wave
@@ -45,7 +45,7 @@ class Shape:
             dimension: Of its values.
 
         Raises:
-            ConfigError: If the file is not as it should be.
+            ConfigError: If the file cannot be read, lacks a column, or its times do not increase.
         """
         found = cls(wave, stage.duration, 1 / stage.steps)
         if wave.file is None:
@@ -58,13 +58,14 @@ class Shape:
 
         Args:
             share: 0 to 1.
-            start: Where it begins: what the wave is off this is made up for in the first step.
+            start: Value at the start of the stage. The wave's difference from it decays linearly to
+                zero over the first step.
         """
         off = start - self._raw(0.0, start)
         return self._raw(share, start) + off * max(0.0, 1 - share / self.first)
 
     def begin(self) -> float:
-        """Where the wave itself begins."""
+        """Value of the wave itself at the start."""
         return self._raw(0.0, 0.0)
 
     def _raw(self, share: float, start: float) -> float:

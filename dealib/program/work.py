@@ -16,8 +16,8 @@ LOST = ("dissipated_energy_mJ", "damped_energy_mJ", "numerical_dissipation_mJ", 
 class Work:
     """Accumulates the work of all ports by the trapezoidal rule.
 
-    The balance compares it with the stored energy and with what is dissipated. What remains is the
-    error of the rule between the recorded states, of second order in the increments.
+    The balance compares it with the stored and the dissipated energy. The residual is the error of
+    the rule between the recorded states, of second order in the increments.
 
     Attributes:
         done: Work of each port so far, mJ.
@@ -49,7 +49,7 @@ class Work:
         else:
             for port in device.ports:
                 one, other = last[port.name], now[port.name]
-                k = 0 if port.kind.sign > 0 else 1  # of what moves
+                k = 0 if port.kind.sign > 0 else 1  # the variable whose change does the work
                 mean = (one[1 - k] + other[1 - k]) / 2
                 self.done[port.name] += mean * (other[k] - one[k])
         columns = {

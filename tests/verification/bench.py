@@ -9,8 +9,9 @@ from mpi4py import MPI
 
 from dealib.config.schema import Config
 from dealib.fem.newton import Newton
+from dealib.fem.port_law import PortLaw
 from dealib.fem.problem import Problem, build_problem
-from dealib.fem.system import PortLaw, Timings
+from dealib.fem.system import Timings
 from dealib.program.increments import Increments
 from dealib.program.predictor import Predictor
 

@@ -16,7 +16,7 @@ from scipy.integrate import solve_ivp
 
 from dealib.errors import NotConverged
 from dealib.fem.layout import Layout
-from dealib.fem.system import PortLaw
+from dealib.fem.port_law import PortLaw
 from dealib.fem.viscous import Viscosity
 from dealib.program.increments import Increments
 from dealib.program.predictor import Predictor
