@@ -76,9 +76,9 @@ __all__ = [
     "write_report",
 ]
 
-prepare()  # before numpy loads its BLAS
+prepare()  # before numpy loads OpenBLAS
 
-# name -> (module, attribute): imported when first asked for, since dolfinx takes seconds
+# name -> (module, attribute), imported at first use: importing dolfinx takes seconds
 _LAZY = {
     "Case": ("dealib.config", "Case"),
     "load": ("dealib.config", "load"),
