@@ -322,8 +322,8 @@ EDITS: list[tuple[str, str, str, str | list[str], str]] = [
      "    - repeat: 2\n      layers: [{name: film, thickness: 1 mm}]",
      "7:7: geometry.layers.1: there are two layers 'film'; give them different names", "repeat"),
     ("name of a layer", "name: upper", "name: up.per",
-     "7:14: geometry.layers.1.name: 'up.per' is not a name; use a letter, then letters, digits, '_' "
-     "and '-'", "up.per"),
+     "7:14: geometry.layers.1.name: 'up.per' is not a name; use a letter, then letters, digits, "
+     "'_' and '-'", "up.per"),
     ("no layers", TEXT[TEXT.index("  layers") : TEXT.index("mesh")], "  layers: []\n",
      "5:11: geometry.layers: must not be empty", "[]"),
     ("layer beyond the base", "thickness: 0.1 mm,", "thickness: 0.1 mm, within: [5 mm, 14 mm],",

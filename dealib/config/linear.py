@@ -53,9 +53,7 @@ def choose(config: Config, unknowns: float, sizes: Sizes | None = None) -> Choic
     if unknowns > MANY and share >= THICK:
         return iterative
     if direct.memory > machine_memory() and share >= THIN:
-        note = (
-            f"a factorisation would need {direct.memory / 1e9:.3g} GB, more than the machine has"
-        )
+        note = f"a factorisation would need {direct.memory / 1e9:.3g} GB, more than the machine has"
         return Choice(True, iterative.memory, note)
     return direct
 

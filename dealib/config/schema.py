@@ -161,9 +161,7 @@ class Config(Section):
                     "this key is missing; without it the film would be a conductor",
                 )
         elif self.physics.coupling != "energy":
-            raise ValueAt(
-                ("physics", "coupling"), "only energy unless the shape is annular_strips"
-            )
+            raise ValueAt(("physics", "coupling"), "only energy unless the shape is annular_strips")
         if self.regions is not None and not isinstance(self.geometry, MeshShape):
             raise ValueAt(("regions",), "only for geometry.shape: mesh; layers name their material")
         check_inputs(self.program, self.device)

@@ -219,7 +219,7 @@ def _no_step(node: Any, part: str | int, above: str) -> str:
     if isinstance(node, dict):
         return "" if isinstance(part, str) else f"{above or 'the file'} is not a list"
     if not isinstance(node, list):
-        return f"{above} is a single value without keys such as {part!r}"
+        return f"{above} is a single value without a key {part!r}"
     if isinstance(part, int) and part < len(node):
         return ""
     return f"{above} is a list with items 0 to {len(node) - 1}, it has no {part!r}"
