@@ -437,7 +437,7 @@ USAGE = [
     (["init", "--template", "deep"], "--template deep: unknown; did you mean 'deap'?"),
     (["init", "--out", "no/x.yaml"], "no/x.yaml: there is no folder no"),
     (["mesh", str(ROOT / "configs/membrane.yaml"), "--out", "x.vtk"],
-     "--out x.vtk: Gmsh's files end in .msh"),
+     "--out x.vtk: the name must end in .msh"),
 ]  # fmt: skip
 
 

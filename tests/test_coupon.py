@@ -384,7 +384,7 @@ def test_no_success_is_told_by_exit_code_and_headline(tmp_path, monkeypatch, cap
     code, said, err = call(monkeypatch, capsys, "calibrate", path, "--out", out)
     assert code == 3
     assert "\none: NO SUCCESS: " in said
-    assert err.startswith("dealib: one: the fit is no success: ")
+    assert err.startswith("dealib: one: the fit failed: ")
     assert "NO SUCCESS" in (out / "report.html").read_text()
 
 

@@ -231,7 +231,7 @@ def test_where_nothing_is_allowed_it_says_what_misses_least(tmp_path):
         f"{design}: no design is within all limits; in the nearest one, 'max(breakdown_use) <= 1' "
         "is missed by "
     )
-    assert "the nearest design, which is not allowed" in said
+    assert "the nearest design, which is beyond a limit" in said
     assert not (tmp_path / "out" / "best.yaml").exists()
     thick = pd.read_csv(tmp_path / "out" / "designs.csv")[f"{THICKNESS} [mm]"]
     worst = [

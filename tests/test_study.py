@@ -330,7 +330,10 @@ def test_configs_beside_studies_are_left_out(run_cli, folder, tmp_path):
     assert [p.name for p in find(tmp_path)] == ["study.yaml", "sweep.yaml"]
     (tmp_path / "study.yaml").write_text(STUDY.replace("base: tiny.yaml", "base: none.yaml"))
     done = run_cli(tmp_path, "study", ".")
-    assert (done.returncode, done.stdout) == (2, "no studies, left out: fit.yaml, tiny.yaml\n")
+    assert (done.returncode, done.stdout) == (
+        2,
+        "left out, since they are no studies: fit.yaml, tiny.yaml\n",
+    )
     assert "none.yaml: cannot read the config" in done.stderr
     for name in ("study", "sweep"):
         (tmp_path / f"{name}.yaml").unlink()

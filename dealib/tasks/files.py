@@ -32,15 +32,15 @@ def schema(of: str = "config") -> dict[str, Any]:
 
 
 def schema_text(of: str) -> str:
-    """The same as text."""
+    """JSON schema of a kind of file, as text; see `schema`."""
     return pages.json_text(_model(of))
 
 
 def reference(of: str = "config") -> str:
-    """Page of all keys of a kind of file, or of all columns, in Markdown.
+    """Page of all keys of a kind of file in Markdown.
 
     Args:
-        of: config, study, fit, coupon, design, benchmark or history.
+        of: config, study, fit, coupon, design or benchmark; history: page of all its columns.
 
     Raises:
         ConfigError: If there is no such kind.
@@ -97,12 +97,12 @@ def _model(of: str) -> type[BaseModel]:
     name = by_caller("--of", "of")
     if of == "history":
         page = by_caller("--reference", "dealib.reference")
-        raise ConfigError(f"{name} history: there is no schema of it, but a page, with {page}")
+        raise ConfigError(f"{name} history: it has no schema; {page} gives a page of its columns")
     raise ConfigError(f"{name} {of}: unknown{did_you_mean(of, KINDS)}")
 
 
 def template(name: str = "deap") -> str:
-    """A commented config to start from, as text.
+    """The text of a commented config to start from.
 
     Args:
         name: deap, benchmark or membrane.
