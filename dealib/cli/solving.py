@@ -133,7 +133,7 @@ def check(config: ConfigFile, set: Set = None) -> None:
 
     if not set and "variables" in Source(config).tree:
         from dealib.design.goals import goals
-        from dealib.design.schema import Plan
+        from dealib.design.plan import Plan
 
         plan = Plan(config)
         if plan.design.maximise or plan.design.minimise:

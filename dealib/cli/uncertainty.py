@@ -9,8 +9,8 @@ import typer
 
 from dealib.cases.job import Ended, Job
 from dealib.cases.workers import Pool, cores
+from dealib.design.plan import Plan
 from dealib.design.propagation import TRUSTED, Probability
-from dealib.design.schema import Plan
 from dealib.design.uncertainty import Tables, find
 from dealib.errors import ConfigError, Interrupted, in_the_way
 from dealib.files import guarded
