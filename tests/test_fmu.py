@@ -463,5 +463,7 @@ def test_states_that_are_not_stored_are_missed(made, tmp_path):
         for name in list(file["states"])[1:]:
             del file["states"][name]
     run = dealib.open(folder)
-    with pytest.raises(ConfigError, match="its states are not stored; overwrite=True solves them"):
+    with pytest.raises(
+        ConfigError, match="its fields are not stored; solve it again by overwrite=True"
+    ):
         write_fmu(folder / "viscous.fmu", run, collect(run), strip(None).config)
