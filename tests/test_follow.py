@@ -440,7 +440,7 @@ def test_only_a_potential_can_be_followed():
 
 def test_a_branch_out_of_time_takes_no_viscosity():
     viscous = "[{shear_modulus: 1 kPa, relaxation_time: 1 s}]"
-    with pytest.raises(ConfigError, match="runs along equilibria, out of time"):
+    with pytest.raises(ConfigError, match="computes equilibria, independent of time"):
         case("pull_in", materials__film__branches=viscous)
 
 

@@ -493,7 +493,7 @@ def test_samples_beyond_pull_in_are_counted(tmp_path):
     assert samples.loc[~lost, "force"].notna().all()
     assert samples.loc[lost].iloc[:, 3].min() > samples.loc[~lost].iloc[:, 3].max() - 0.2
     assert samples.loc[lost, "error"].str.contains("pull-in").all()
-    said = f"{lost.sum()} of 16 samples have no result: they meet no limit"
+    said = f"{lost.sum()} of 16 samples have no result: they count as meeting no limit"
     assert said in done.output
     summary = pd.read_csv(tmp_path / "out" / "summary.csv").set_index("quantity")
     for row in ("no result", "force <= 1000"):
