@@ -26,8 +26,9 @@ if TYPE_CHECKING:
     from dealib.results.tables import load as tables
     from dealib.tasks.doctor import doctor
     from dealib.tasks.files import reference, schema, template
+    from dealib.tasks.fitting import calibrate
     from dealib.tasks.info import describe
-    from dealib.tasks.measuring import calibrate, compare, known_materials, law, read_data, sense
+    from dealib.tasks.measuring import compare, known_materials, law, read_data, sense
     from dealib.tasks.pictures import animate, plot, show, write_report
     from dealib.tasks.progress import Progress
     from dealib.tasks.solving import bias, export_tables, modes, respond, write_mesh
@@ -76,9 +77,9 @@ __all__ = [
     "write_report",
 ]
 
-prepare()  # before numpy loads its BLAS
+prepare()  # before numpy loads OpenBLAS
 
-# name -> (module, attribute): imported when first asked for, since dolfinx takes seconds
+# name -> (module, attribute), imported at first use: importing dolfinx takes seconds
 _LAZY = {
     "Case": ("dealib.config", "Case"),
     "load": ("dealib.config", "load"),
@@ -106,7 +107,7 @@ _LAZY = {
     "plot": ("dealib.tasks.pictures", "plot"),
     "show": ("dealib.tasks.pictures", "show"),
     "write_report": ("dealib.tasks.pictures", "write_report"),
-    "calibrate": ("dealib.tasks.measuring", "calibrate"),
+    "calibrate": ("dealib.tasks.fitting", "calibrate"),
     "compare": ("dealib.tasks.measuring", "compare"),
     "known_materials": ("dealib.tasks.measuring", "known_materials"),
     "law": ("dealib.tasks.measuring", "law"),

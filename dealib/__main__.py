@@ -1,4 +1,4 @@
-"""Entry point of the command line: whatever ends it becomes one message and an exit code."""
+"""Entry point of the command line: each error becomes one message and an exit code."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import sys
 import time
 from types import FrameType
 
-import dealib.cli.clock  # noqa: F401 - starts it
+import dealib.cli.clock  # noqa: F401 - the import starts the clock
 from dealib.cli.launched import begin_quickly, rank
 from dealib.errors import FAULT, ConfigError, DealibError, Interrupted
 
 os.environ.setdefault("MPLBACKEND", "Agg")  # pictures go to files, with a screen or without
-_PATIENCE = 3.0  # seconds
+_PATIENCE = 3.0  # seconds that other ranks wait for the message of the first one
 
 
 def main() -> None:
@@ -30,41 +30,45 @@ def main() -> None:
     except (DealibError, Interrupted) as error:
         code, everywhere = error.exit_code, error.everywhere
         _say(str(error))
-    except KeyboardInterrupt:  # by a library that has taken the signal
+    except KeyboardInterrupt:  # raised by a library that handles the signal itself
         code = 130
         _say("interrupted")
     except Exception as error:
-        code = _unforeseen(error)
+        code = _unexpected(error)
     if not everywhere:
         _abort_all_ranks(code)
     if code:
-        _let_the_first_rank_tell()
+        _wait_for_first_rank()
     sys.exit(flushed(code))
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
-    """End in good order at a first signal, at once at a second one."""
+    """Raise `Interrupted` at the first signal; a second one ends the process at once."""
     for again in (signal.SIGINT, signal.SIGTERM):
         signal.signal(again, signal.SIG_DFL)
     raise Interrupted(f"stopped by {signal.Signals(number).name}", number)
 
 
 def _command() -> int:
-    """Run the command that the arguments name; returns its exit code."""
+    """Run the command that the arguments name.
+
+    Returns:
+        Its exit code.
+    """
     import typer
     from typer.main import get_command
 
     from dealib.cli.app import app
     from dealib.cli.usage import UsageError, explain, refuse_long
 
-    given = [_at_home(a) for a in sys.argv[1:]]
-    verbose = [a for a in given if a in ("-v", "--verbose")]  # it may stand anywhere
+    given = [_expand_home(a) for a in sys.argv[1:]]
+    verbose = [a for a in given if a in ("-v", "--verbose")]  # allowed at any position
     arguments = [a for a in given if a not in verbose] or ["--help"]
     refuse_long(arguments)
     try:
         command = get_command(app)
         with command.make_context("dealib", [*verbose, *arguments]) as context:
-            command.invoke(context)  # and not main(), which swallows interrupts
+            command.invoke(context)  # main() would swallow the message of an interrupt
     except typer.Exit as stop:
         return int(stop.exit_code)
     except UsageError as error:
@@ -72,8 +76,12 @@ def _command() -> int:
     return 0
 
 
-def _unforeseen(error: Exception) -> int:
-    """Tell what stopped the command; returns the exit code."""
+def _unexpected(error: Exception) -> int:
+    """Report an error that is none of dealib's own kinds.
+
+    Returns:
+        The exit code.
+    """
     if isinstance(error, MemoryError):
         _say(": ".join(["not enough memory", *map(str, error.args)]))
         return 4
@@ -90,8 +98,8 @@ def _unforeseen(error: Exception) -> int:
     return FAULT
 
 
-def _at_home(argument: str) -> str:
-    """An argument, or the value in `--out=~/x`, with the user's home where the shell left a '~'."""
+def _expand_home(argument: str) -> str:
+    """Expand a leading '~', also that of a value as in `--out=~/x`, which shells leave."""
     option, sign, value = argument.partition("=")
     if argument.startswith("--") and value.startswith("~"):
         return f"{option}{sign}{os.path.expanduser(value)}"
@@ -99,13 +107,13 @@ def _at_home(argument: str) -> str:
 
 
 def _say(message: str, always: bool = False) -> None:
-    """Tell the user, once for all ranks unless each has something of its own to say."""
+    """Print a message, on the first rank only unless `always`."""
     if always or rank() == 0:
         print(f"dealib: {message}", file=sys.stderr)
 
 
 def _abort_all_ranks(code: int) -> None:
-    """What stopped one rank must not leave the others waiting."""
+    """End the other ranks of a parallel run, which would wait for this one forever."""
     if "mpi4py.MPI" not in sys.modules:
         return
     from mpi4py import MPI
@@ -113,13 +121,17 @@ def _abort_all_ranks(code: int) -> None:
     if MPI.COMM_WORLD.size > 1:
         sys.stdout.flush()
         sys.stderr.flush()
-        time.sleep(0.5)  # for mpirun to pass it on: an abort kills those that do
+        time.sleep(0.5)  # mpirun forwards the output; an abort ends its forwarding
         MPI.COMM_WORLD.Abort(code)
 
 
-def _let_the_first_rank_tell() -> None:
-    """Whoever ends first with an error ends all others, on Open MPI 5 before they have spoken."""
-    if rank() > 0 and "mpi4py.MPI" not in sys.modules:  # whose end waits for all
+def _wait_for_first_rank() -> None:
+    """Let the first rank print its message before this one ends.
+
+    Open MPI 5 ends all ranks as soon as one has ended with an error. Once MPI is started, its own
+    end waits for all ranks.
+    """
+    if rank() > 0 and "mpi4py.MPI" not in sys.modules:
         sys.stderr.flush()
         time.sleep(_PATIENCE)
 

@@ -8,15 +8,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-FAULT = 70  # exit code of what nobody foresaw: EX_SOFTWARE of sysexits.h
+FAULT = 70  # exit code of an unexpected error: EX_SOFTWARE of sysexits.h
 
-
-_callers = ["Python"]  # who called dealib, the last one counts
+_callers = ["Python"]  # stack of callers; messages are worded for the last one
 
 
 @contextmanager
 def on_command_line() -> Iterator[None]:
-    """Speak to somebody at the command line while the context lasts, else to a program."""
+    """Word messages for the command line while the context lasts, otherwise for Python."""
     _callers.append("command line")
     try:
         yield
@@ -25,23 +24,23 @@ def on_command_line() -> Iterator[None]:
 
 
 def by_caller(command_line: str, python: str) -> str:
-    """Words for whoever called: with options of the command line, or with arguments of Python."""
+    """Choose the wording for the caller: options of the command line, or arguments of Python."""
     return python if _callers[-1] == "Python" else command_line
 
 
 def in_the_way(path: Path) -> str:
-    """What to say of a file or directory of results that is there already."""
+    """The message for a file or directory of results that exists already."""
     ways = by_caller("choose another --out, or --overwrite it", "choose another, or overwrite=True")
     return f"{path} exists; {ways}"
 
 
 def anew() -> str:
-    """How to replace what cannot be gone on with."""
+    """Advice for results that cannot be continued: start again and replace them."""
     return "start anew with " + by_caller("--overwrite", "overwrite=True")
 
 
 def first_line(error: BaseException) -> str:
-    """What an error says first, or its kind if it says nothing."""
+    """First line of an error's text, or the name of its class if it has none."""
     return next(iter(str(error).splitlines()), type(error).__name__)
 
 
@@ -49,9 +48,9 @@ class DealibError(Exception):
     """Base of all errors that dealib explains to its user.
 
     Attributes:
-        exit_code: Of the command line.
-        everywhere: Whether every rank of a parallel run raises it; if not, the others must be
-            stopped.
+        exit_code: Exit code of the command line.
+        everywhere: Whether every rank of a parallel run raises it; if not, the other ranks have
+            to be stopped.
     """
 
     exit_code = FAULT
@@ -59,21 +58,21 @@ class DealibError(Exception):
 
 
 class ConfigError(DealibError):
-    """Something in the config, on the command line or in an input file is wrong."""
+    """The config, the command line or an input file is wrong."""
 
     exit_code = 2
 
 
 class ValueAt(ValueError):
-    """A check of a whole section that failed because of one of its keys.
+    """A check of a section failed because of one of its keys.
 
     Args:
-        where: Path of the most telling key, from the section.
+        where: Path of that key, relative to the section.
         message: What is wrong.
     """
 
     def __init__(self, where: tuple[str | int, ...], message: str) -> None:
-        super().__init__(where, message)  # all of them: pickle makes the error anew from these
+        super().__init__(where, message)  # all arguments, from which pickle restores the error
         self.where = where
 
     def __str__(self) -> str:
@@ -81,7 +80,7 @@ class ValueAt(ValueError):
 
 
 class NotConverged(DealibError):
-    """A step did not converge even at the smallest increment; what converged is kept."""
+    """A step did not converge even at the smallest increment; earlier states are kept."""
 
     exit_code = 3
 
@@ -94,13 +93,13 @@ class PlatformError(DealibError):
 
 
 class Interrupted(KeyboardInterrupt):
-    """A signal asked to stop; what is finished is kept.
+    """A signal asked to stop; finished results are kept.
 
-    It is no `DealibError`, nor any other `Exception`: a loop that goes on past cases that fail is
-    to end when its user says so.
+    It is not a subclass of `Exception`, so that a loop that continues after failed cases still
+    ends when its user interrupts it.
 
     Args:
-        message: What was kept and how to go on.
+        message: What was kept and how to continue.
         signal: Number of the signal; the exit code is 128 + signal.
         everywhere: Whether every rank raises it.
     """
@@ -111,7 +110,7 @@ class Interrupted(KeyboardInterrupt):
 
     @property
     def exit_code(self) -> int:
-        """As shells give it."""
+        """128 + signal, the convention of shells."""
         return 128 + self.signal
 
     def __str__(self) -> str:
@@ -119,7 +118,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 def did_you_mean(word: object, known: Sequence[str] | Mapping[str, Any]) -> str:
-    """A hint at the nearest known word, or at all of them."""
+    """A hint at the nearest known word; if none is near, the list of all of them."""
     near = difflib.get_close_matches(str(word), list(known), n=1, cutoff=0.6)
     if near:
         return f"; did you mean {near[0]!r}?"

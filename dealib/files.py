@@ -10,12 +10,12 @@ from typing import Any
 
 from dealib.errors import PlatformError, first_line
 
-TEMPORARY = ".tmp"  # in the names of files that are not complete
+TEMPORARY = ".tmp"  # part of the names of incomplete files
 
 
 @contextmanager
 def guarded(path: Path) -> Iterator[None]:
-    """Turn a disk's refusal into a message.
+    """Turn an error of writing into a message.
 
     Raises:
         PlatformError: Instead of OSError.
@@ -31,16 +31,17 @@ def guarded(path: Path) -> Iterator[None]:
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Write a file whole or not at all: what is written to the path given takes its place.
+    """Write a file whole or not at all.
 
     Args:
-        path: The file; it is replaced.
+        path: The file; it is replaced when the context ends without an error.
 
     Yields:
-        Another one beside it, with the same suffix, since formats are known by it.
+        A temporary file in the same folder, to write to. It has the suffix of `path`, from which
+        some libraries infer the format.
 
     Raises:
-        PlatformError: If the disk refuses; an earlier file is then intact.
+        PlatformError: If it cannot be written; an earlier file is then intact.
     """
     temporary = path.with_name(f"{path.stem}{TEMPORARY}{path.suffix}")
     with guarded(path):
@@ -73,13 +74,13 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_new(path: Path, text: str) -> bool:
-    """Write a text to a file that is not there yet: one that is there stays as it is.
+    """Write a text to a new file; an existing file stays as it is.
 
     Returns:
-        Whether it was written.
+        Whether the file is new.
 
     Raises:
-        PlatformError: If the disk refuses; there is no file then.
+        PlatformError: If it cannot be written; no file is left then.
     """
     with guarded(path):
         try:

@@ -1,4 +1,4 @@
-"""What dealib tells: the logger 'dealib', with the terminal and a run's log as its listeners."""
+"""The logger 'dealib', which writes to the terminal and to the log of a run."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from dealib.patience import NOTE
 LOGGER = logging.getLogger("dealib")
 LOG = "run.log"
 logging.addLevelName(NOTE, "NOTE")
-PASSING = {"passing": True}  # extra of a warning that is not kept: results tell more in the end
+PASSING = {"passing": True}  # `extra` of a warning that is shown but not stored with results
 
 
 class _Terminal(logging.Handler):
-    """Writes to whatever standard error is now (a progress bar replaces it)."""
+    """Looks up standard error at each message, since a progress bar replaces it."""
 
     def emit(self, record: logging.LogRecord) -> None:
         stream = sys.stdout if record.levelno == NOTE else sys.stderr
@@ -38,7 +38,7 @@ class _Kept(logging.Handler):
 
 
 class _File(logging.FileHandler):
-    """The log never stops a run: results report a disk that refuses."""
+    """A log that cannot be written does not stop a run; writing the results reports it."""
 
     def handleError(self, record: logging.LogRecord) -> None:
         pass
@@ -48,7 +48,7 @@ def to_terminal(verbose: bool, here: bool = True) -> None:
     """Show warnings on standard error.
 
     Args:
-        verbose: Also increments and Newton's residuals.
+        verbose: Also show increments and the residuals of Newton's method.
         here: Whether this rank shows anything.
     """
     level = logging.DEBUG if verbose else NOTE
@@ -57,7 +57,7 @@ def to_terminal(verbose: bool, here: bool = True) -> None:
 
 
 def verbose() -> bool:
-    """Whether the terminal shows everything."""
+    """Whether the terminal shows increments and residuals (`to_terminal`)."""
     return LOGGER.isEnabledFor(logging.DEBUG)
 
 
@@ -87,7 +87,7 @@ def to_file(directory: Path, here: bool = True) -> Iterator[list[str]]:
     except DealibError:
         raise
     except Exception as error:
-        LOGGER.info("stopped by what nobody foresaw", exc_info=True)
+        LOGGER.info("stopped by an unexpected error", exc_info=True)
         error.add_note(f"the run's log is {path}")
         raise
     finally:

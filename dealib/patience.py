@@ -1,4 +1,4 @@
-"""Say what is going on when it takes longer than a moment."""
+"""Messages about tasks that take longer than two seconds."""
 
 from __future__ import annotations
 
@@ -9,14 +9,18 @@ from collections import defaultdict
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-NOTE = 25  # level of what a user is told without asking, though it is no warning
+NOTE = 25  # log level of messages that are always shown but are no warnings
 _MOMENT = 2.0  # s
 _spent: dict[str, float] = defaultdict(float)
 
 
 @contextmanager
 def patience(what: str) -> Iterator[None]:
-    """Tell what is being done if it takes more than two seconds, all its times together; once."""
+    """Tell the user about a task once it has taken two seconds, repeated calls added up.
+
+    Args:
+        what: The task, such as 'compiling forms'; it is reported once.
+    """
     note = threading.Timer(max(_MOMENT - _spent[what], 0.0), _say, [what])
     note.daemon = True
     begin = time.perf_counter()

@@ -1,11 +1,11 @@
-"""What the processor can do; linear algebra is told of it before it is loaded."""
+"""Instruction sets of the processor, from which OpenBLAS's kernels are chosen."""
 
 from __future__ import annotations
 
 import os
 import platform
 
-_KERNELS = (  # OpenBLAS's names and what they need, fastest first
+_KERNELS = (  # OpenBLAS's names and the instruction sets they need, fastest first
     ("SKYLAKEX", {"avx512f", "avx512cd", "avx512bw", "avx512dq", "avx512vl"}),
     ("HASWELL", {"avx2", "fma"}),
 )
@@ -21,11 +21,11 @@ def features() -> str:
 
 
 def prepare() -> None:
-    """Set OpenBLAS's environment, where the user has not; it reads it when it is loaded.
+    """Set the environment variables that OpenBLAS reads when it is loaded, unless they are set.
 
-    One thread is fastest at these sizes. OpenBLAS takes processors younger than itself for very old
-    ones: Debian 12's is five to seven times as fast with the kernels that the processor's own
-    instruction sets ask for.
+    One thread is fastest at these sizes. OpenBLAS uses its slowest kernels on processors that are
+    newer than itself: Debian 12's is five to seven times as fast with kernels that are chosen by
+    instruction sets.
     """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
@@ -34,5 +34,9 @@ def prepare() -> None:
 
 
 def kernel(known: str) -> str:
-    """OpenBLAS's kernel for a processor with some instruction sets; empty: its own choice."""
+    """OpenBLAS's name of the best kernel; empty: its own choice.
+
+    Args:
+        known: The processor's instruction sets, as of `features`.
+    """
     return next((name for name, needed in _KERNELS if needed <= set(known.split())), "")

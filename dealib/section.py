@@ -10,13 +10,13 @@ from dealib.errors import ValueAt
 
 
 class Section(BaseModel):
-    """Base of all sections: unknown keys are errors, values do not change."""
+    """Base of all sections: unknown keys are errors, and values cannot be changed."""
 
     model_config = ConfigDict(defer_build=True, frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class OneOf(Section):
-    """A section of which one key is given."""
+    """A section in which exactly one key is given."""
 
     @model_validator(mode="after")
     def _one_of(self) -> OneOf:

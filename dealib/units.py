@@ -1,4 +1,4 @@
-"""Quantities with units at the border; plain floats in mm, N, MPa, kV, s inside.
+"""Quantities with units in files; plain floats in mm, N, MPa, kV, s inside the program.
 
 With these base units energy is in mJ, charge in uC, capacitance in nF and the electric field in
 kV/mm = MV/m.
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 EPSILON_0 = 8.8541878128e-6  # vacuum permittivity, N/kV^2 (CODATA 2018)
 GRAVITY = 9.80665  # standard gravity, m/s^2; times kg gives N
 
-# dimension -> (internal unit, example shown in messages)
+# dimension -> (internal unit, example for messages)
 DIMENSIONS = {
     "length": ("mm", "30 um"),
     "time": ("s", "10 s"),
@@ -45,7 +45,7 @@ DIMENSIONS = {
     "moment": ("Nmm", "5 N mm"),
 }
 
-# the usual units, internal unit -> factors: with them alone a config needs no pint (0.3 s)
+# internal unit -> factors of the usual units; others need pint, whose import takes 0.3 s
 USUAL = {
     "mm": {"m": 1e3, "cm": 10.0, "mm": 1.0, "um": 1e-3, "nm": 1e-6},
     "s": {"s": 1.0, "ms": 1e-3},
@@ -67,22 +67,22 @@ USUAL = {
     "Nmm": {"N m": 1e3, "Nm": 1e3, "Nmm": 1.0, "N mm": 1.0, "mN m": 1.0, "mN mm": 1e-3},
 }
 
-# letters with powers of at most one digit, multiplied and divided
+# symbols with exponents of one digit, multiplied and divided
 _SYMBOL = r"[µμ]?[A-Za-zΩ°%][A-Za-zµμΩ_]*(?:(?:\^|\*\*)?-?\d|[²³])?"
 _UNIT = re.compile(rf"(?:1|{_SYMBOL})(?:\s*[ */·]\s*{_SYMBOL})*")
-_LEAST = 1e-50  # of each internal unit; squares of what is below are no numbers any more
+_LEAST = 1e-50  # smallest magnitude in internal units: squares of smaller ones vanish
 
 _NUMBER = re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*")
 
 
 @functools.cache
 def _registry() -> pint.UnitRegistry:
-    import pint  # 0.3 s: only once an unusual unit is read
+    import pint
 
-    # no cache on disk: pint's remembers where it was installed, and fails once that is gone
+    # without pint's cache on disk, which fails after its installation has moved
     found: pint.UnitRegistry = pint.UnitRegistry()
     found.define("Nmm = newton * millimeter")
-    found.define("Nm = newton * meter")  # pint's is a number of fibres
+    found.define("Nm = newton * meter")  # in pint, Nm counts the fineness of fibres
     return found
 
 
@@ -118,7 +118,11 @@ def parse(text: object, dimension: str) -> float:
 
 
 def sensible(text: object, dimension: str) -> float:
-    """Read a quantity of a config (see `parse`), neither so small nor so large that sums fail."""
+    """Read a quantity of a config, as `parse` does.
+
+    Raises:
+        ValueError: Also if the value is so small or so large that its square is out of range.
+    """
     value = parse(text, dimension)
     if value and not _LEAST <= abs(value) <= 1 / _LEAST:
         size = "small" if abs(value) < 1 else "large"
@@ -128,25 +132,25 @@ def sensible(text: object, dimension: str) -> float:
 
 @functools.cache
 def _factor(given: str, unit: str, wanted: str) -> float:
-    """Factor from a unit of the user to another one."""
+    """Factor from a user's unit to another one; `wanted` begins the message of the error."""
     usual = USUAL.get(unit, {}).get(given)
     if usual is not None:
         return usual
     import pint
 
     problem = "is no unit"
-    if _UNIT.fullmatch(given):  # pint would work out whatever stands there
+    if _UNIT.fullmatch(given):  # pint would evaluate any expression
         try:
             return float(_registry().Quantity(1.0, given).to(unit).magnitude)
         except pint.DimensionalityError:
             problem = "is not a unit of that kind"
-        except Exception:  # pint raises its parser's and tokenizer's errors as they come
+        except Exception:  # pint lets all errors of its parser and tokenizer through
             pass
     raise ValueError(f"{wanted}; {shown(given)!r} {problem}{_near(given, unit)}")
 
 
 def _near(given: str, unit: str) -> str:
-    """A hint at what unit may be meant: its power, its capitals, or one with nearly its name."""
+    """A hint at the unit that may be meant: with a '^', other capitals or a similar name."""
     power = re.sub(r"(?<=[A-Za-z])(?=\d$)", "^", given)
     if power != given:
         with suppress(ValueError):
@@ -167,10 +171,14 @@ def factor(given: str, unit: str) -> float:
 
 
 def convert(amount: tuple[float, str], unit: str) -> float:
-    """An amount as of `split` in another unit; an empty unit is that of plain numbers.
+    """Convert an amount to another unit.
+
+    Args:
+        amount: Number and unit, as of `split`.
+        unit: The other unit; empty for plain numbers.
 
     Raises:
-        ValueError: If it has no unit and needs one, or one of another dimension.
+        ValueError: If the unit of the amount is missing or of another dimension.
     """
     value, given = amount
     if given == unit:
@@ -185,12 +193,12 @@ def convert(amount: tuple[float, str], unit: str) -> float:
 
 
 def _ascii(text: object) -> str:
-    """The text with the typographic minus as a plain one, of the same length."""
+    """The text with plain minus signs instead of typographic ones; its length is unchanged."""
     return str(text).replace("\u2212", "-")
 
 
 def split(text: object) -> tuple[float, str]:
-    """Number and unit of a quantity of any dimension; no unit is an empty text.
+    """Number and unit of a quantity of any dimension; the unit is empty if there is none.
 
     Raises:
         ValueError: If it does not start with a number.
@@ -207,12 +215,12 @@ def write(value: float, dimension: str) -> str:
 
 
 def neat(value: float, digits: int = 5) -> str:
-    """A number for the eye: '-0.4', and '0' instead of the -1e-17 that rounding leaves."""
+    """A number for display; magnitudes below 1e-9, which are rounding, become '0'."""
     return f"{0.0 if abs(value) < 1e-9 else value:.{digits}g}"
 
 
 def counted(number: int, noun: str) -> str:
-    """'1 study', '2 studies', '3 cases'."""
+    """A number with its noun, such as '1 study', '2 studies' or '3 cases'."""
     plural = f"{noun[:-1]}ies" if noun.endswith("y") else f"{noun}s"
     return f"{number} {noun if number == 1 else plural}"
 
@@ -235,7 +243,7 @@ def _quantity(dimension: str) -> Any:
 
 
 def list_of(kind: Any) -> Any:
-    """A type for one or several values of a kind; one stands for a list of one."""
+    """A type for a list of values of a kind; a single value is read as a list of one."""
     listed = BeforeValidator(
         lambda value: list(value) if isinstance(value, (list, tuple)) else [value],
         json_schema_input_type=kind | tuple[kind, ...],

@@ -1,4 +1,4 @@
-"""Versions of everything that results depend on; dolfinx and Gmsh are not imported for them."""
+"""Versions of the packages that results depend on, without importing dolfinx or Gmsh."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ from pathlib import Path
 
 _PACKAGES = (
     *("dealib", "fenics-dolfinx", "fenics-ffcx", "fenics-ufl", "fenics-basix"),
-    *("dolfinx-solver-real", "petsc4py", "gmsh", "numpy", "scipy"),  # the first one is a wheel
+    *("dolfinx-solver-real", "petsc4py", "gmsh", "numpy", "scipy"),  # the first: dolfinx's wheel
 )
 _NAMES = {"petsc": "PETSc", "gmsh": "Gmsh", "python": "Python"}
-# packages of dealib that results do not depend on
-_BESIDE = {
+# packages of dealib that the results of a run do not depend on
+_WITHOUT_EFFECT = {
     *("calibration", "cases", "cli", "data", "export", "plots", "report", "study", "validation"),
 }
 
 
 def version_line() -> str:
-    """All versions in one line."""
+    """The versions of `versions` in one line."""
     return ", ".join(f"{_NAMES.get(name, name)} {v}" for name, v in versions().items())
 
 
 def versions() -> dict[str, str]:
-    """Versions that people ask for, by name, or "missing"."""
+    """The main versions for display, by name; "missing" if a package is not installed."""
     found = installed()
     return {
         "dealib": found.get("dealib", "missing"),
@@ -39,7 +39,7 @@ def versions() -> dict[str, str]:
 
 @functools.cache
 def installed() -> dict[str, str]:
-    """Versions of the packages that are installed, by name."""
+    """Versions of the installed packages that results depend on, by name."""
     found = {}
     for name in _PACKAGES:
         try:
@@ -51,16 +51,16 @@ def installed() -> dict[str, str]:
 
 @functools.cache
 def source() -> str:
-    """Hash of those of dealib's modules that results depend on."""
+    """Hash of the modules of dealib that the results of a run depend on."""
     root, digest = Path(__file__).parent, hashlib.sha256()
     for file in sorted([*root.rglob("*.py"), *root.rglob("*.yaml")]):
-        if file.relative_to(root).parts[0] not in _BESIDE:
+        if file.relative_to(root).parts[0] not in _WITHOUT_EFFECT:
             digest.update(file.read_bytes())
     return digest.hexdigest()
 
 
 def _petsc() -> str:
-    """What PETSc says itself: Debian 13 has petsc4py 3.22.4 with PETSc 3.22.5."""
+    """PETSc's own version, which may differ from petsc4py's, as on Debian 13."""
     try:
         from mpi4py import MPI  # noqa: F401 - finds the MPI that dolfinx's wheel needs
         from petsc4py import PETSc

@@ -261,7 +261,7 @@ def test_the_newest_position_wins(session):
     ends = [h[h["stage"] == "actuate"]["displacement_mm"].min() for h in (quick, full.run.history)]
     assert ends[0] == pytest.approx(ends[1], rel=0.005)
     checked = session.ask(CHECK, (1.2 * 0.03199,))
-    assert re.search(r"the membrane is off by displacement \d", checked.told)
+    assert re.search(r"the membrane deviates by displacement \d", checked.told)
 
 
 def test_a_quick_reply_takes_half_of_a_full_one_at_most(session):

@@ -129,8 +129,8 @@ EDITS = [
      "[1.1"),
     ("pre-stretch of an unstable law", "law: neo_hookean\n    youngs_modulus: 1 MPa",
      "law: yeoh\n    c10: 1 kPa\n    c20: -1 MPa\n    bulk_modulus: 1 MPa",
-     "17:17: materials.film.prestretch: yeoh with these parameters is not stable there: at no "
-     "thickness is the film free of stress across", "1.1"),
+     "17:17: materials.film.prestretch: yeoh with these parameters is unstable at this "
+     "stretch: there is no thickness at which the transverse stress vanishes", "1.1"),
     ("pre-stretch", "prestretch: 1.1", "prestretch: 0.2",
      "15:17: materials.film.prestretch: must be at least 0.5, not 0.2", "0.2"),
     ("value for a section", "mesh:\n  columns: 8", "mesh: fine",
@@ -151,7 +151,8 @@ EDITS = [
      "elastosil"),
     ("a material of another law", "neo_hookean\n    youngs_modulus: 1 MPa",
      "gent\n    library: elastosil_2030",
-     "12:10: materials.film.law: the law of elastosil_2030 is yeoh; drop law, or library", "gent"),
+     "12:10: materials.film.law: the law of elastosil_2030 is yeoh; leave out law, or library",
+     "gent"),
     ("a material without permittivity",
      "law: neo_hookean\n    youngs_modulus: 1 MPa\n    relative_permittivity: 3.0",
      "library: deap_film",
@@ -185,7 +186,7 @@ EDITS = [
      "19:22: materials.electrode.locking_stretch: must be above 1, not 0.5", "0.5"),
     ("a pre-stretch beyond locking", "law: neo_hookean\n    youngs_modulus: 1 MPa",
      "law: gent\n    j_lim: 0.1\n    youngs_modulus: 1 MPa",
-     "16:17: materials.film.prestretch: gent locks before this stretch", "1.1"),
+     "16:17: materials.film.prestretch: gent reaches its limiting stretch before this one", "1.1"),
     ("Ogden's lists", "neo_hookean\n    youngs_modulus: 3 MPa",
      "ogden\n    mu: [1 MPa, 2 MPa]\n    alpha: 2\n    bulk_modulus: 50 MPa",
      "19:12: materials.electrode.alpha: 1 exponents for 2 moduli mu", "2"),
@@ -198,20 +199,20 @@ EDITS = [
      "19:10: materials.electrode.c01: c10 + c01 must be positive: it is half the shear modulus at "
      "rest", "-1 MPa"),
     ("modulus in millipascal", "youngs_modulus: 1 MPa", "youngs_modulus: 1 mPa",
-     "13:21: materials.film.youngs_modulus: a shear modulus of 3.333e-10 MPa is none of a solid "
-     "(10 Pa to 10 TPa); check the unit: MPa is mega, mPa is milli", "1 mPa"),
+     "13:21: materials.film.youngs_modulus: a shear modulus of 3.333e-10 MPa is outside the "
+     "range of solids (10 Pa to 10 TPa); check the unit: MPa is mega, mPa is milli", "1 mPa"),
     ("a law's modulus in millipascal", "neo_hookean\n    youngs_modulus: 3 MPa",
      "yeoh\n    c10: 1 mPa\n    bulk_modulus: 50 MPa",
-     "18:10: materials.electrode.c10: a shear modulus of 2e-09 MPa is none of a solid (10 Pa to "
-     "10 TPa); check the unit: MPa is mega, mPa is milli", "1 mPa"),
+     "18:10: materials.electrode.c10: a shear modulus of 2e-09 MPa is outside the range of "
+     "solids (10 Pa to 10 TPa); check the unit: MPa is mega, mPa is milli", "1 mPa"),
     ("bulk modulus in petapascal", "neo_hookean\n    youngs_modulus: 3 MPa",
      "neo_hookean\n    shear_modulus: 1 MPa\n    bulk_modulus: 5 PPa",
-     "19:19: materials.electrode.bulk_modulus: a bulk modulus of 5e+09 MPa is none of a solid "
-     "(10 Pa to 10 TPa); check the unit: MPa is mega, mPa is milli", "5 PPa"),
+     "19:19: materials.electrode.bulk_modulus: a bulk modulus of 5e+09 MPa is outside the "
+     "range of solids (10 Pa to 10 TPa); check the unit: MPa is mega, mPa is milli", "5 PPa"),
     ("branch in millipascal", "    prestretch: 1.1",
      "    branches: [{shear_modulus: 20 mPa, relaxation_time: 1 s}]",
-     "15:32: materials.film.branches.0.shear_modulus: a shear modulus of 2e-08 MPa is none of a "
-     "solid (10 Pa to 10 TPa); check the unit: MPa is mega, mPa is milli", "20 mPa"),
+     "15:32: materials.film.branches.0.shear_modulus: a shear modulus of 2e-08 MPa is outside the "
+     "range of solids (10 Pa to 10 TPa); check the unit: MPa is mega, mPa is milli", "20 mPa"),
     ("no electrode", "  electrode:\n    law: neo_hookean\n    youngs_modulus: 3 MPa\n", "",
      "10:1: materials.electrode: this key is missing, but geometry.electrode_thickness is above "
      "zero", "materials:"),
@@ -230,15 +231,15 @@ EDITS = [
      "20 um"),
     ("air lower than the stroke", "6 mm", "2 mm",
      "7:15: geometry.air_height: 2 mm of air are too low for the displacement of 2 mm in stage "
-     "'push'; twice the stroke works well", "2 mm"),
+     "'push'; use about twice the displacement", "2 mm"),
     ("air lower than a path", "terminal: {voltage: [0 V, 2 kV, 0 V]}, steps: 2}",
      "follow: {vary: force, until: {displacement: -7 mm}}}",
      "7:15: geometry.air_height: 6 mm of air are too low for the displacement of 7 mm in stage "
-     "'actuate'; twice the stroke works well", "6 mm"),
+     "'actuate'; use about twice the displacement", "6 mm"),
     ("air lower than tables", "program:",
      "tables: {displacement: [1 mm, -6 mm], voltage: [0 V, 2 kV]}\nprogram:",
      "7:15: geometry.air_height: 6 mm of air are too low for the displacement of 6 mm in tables; "
-     "twice the stroke works well", "6 mm"),
+     "use about twice the displacement", "6 mm"),
     # moduli
     ("modulus below zero", "youngs_modulus: 3 MPa", "youngs_modulus: -3 MPa",
      "18:21: materials.electrode.youngs_modulus: must be above 0, not '-3 MPa'", "-3 MPa"),
@@ -270,12 +271,12 @@ EDITS = [
     ("tables of a softening film", "materials:\n  film:\n",
      "tables: {displacement: [0 mm, 1 mm], voltage: [0 V, 2 kV]}\nmaterials:\n  film:\n"
      "    mullins: {r: 2, m: 10 kPa}\n",
-     "10:9: tables: materials.film has mullins: its force depends on what came before, which "
-     "tables lack", "{displacement"),
+     "10:9: tables: materials.film has mullins: tables cannot hold forces that "
+     "depend on the load history", "{displacement"),
     ("tables without a potential", "program:",
      "physics: {coupling: pelrine}\n"
      "tables: {displacement: [0 mm, 1 mm], voltage: [0 V, 2 kV]}\nprogram:",
-     "19:21: physics.coupling: tables come from one potential: energy only", "pelrine"),
+     "19:21: physics.coupling: tables need coupling: energy", "pelrine"),
     ("tables of two points", "program:",
      "tables: {displacement: [0 mm, 1 mm], voltage: [0 V, 2 kV], points: [9, 2]}\nprogram:",
      "19:72: tables.points.1: must be at least 3, not 2", "2]"),
@@ -317,14 +318,14 @@ EDITS = [
     ("cycles that do not close", "2 kV, 0 V]}", "2 kV]}, cycles: 2",
      "22:42: program.2.terminal.voltage: 2 cycles need a list that ends where it begins", "[0 V"),
     ("cycles of nothing", "{stage: prestrain}", "{stage: prestrain, cycles: 2}",
-     "20:32: program.0.cycles: only an input of this stage can be repeated; it has none", "2}"),
+     "20:32: program.0.cycles: cycles repeat an input of the stage; this one has none", "2}"),
     ("negative duration", "{stage: push,", "{stage: push, duration: -1 s,",
      "21:29: program.1.duration: must be above 0, not '-1 s'", "-1 s"),
     ("no mesh file", "columns: 8", "file: none.msh",
      "9:9: mesh.file: there is no file 'none.msh' in the present folder", "none.msh"),
     # conditions and limits
     ("no condition", "-2 mm}, steps: 2", "-2 mm}, steps: 2, stop_when: [force_N]",
-     "21:71: program.1.stop_when.0: 'force_N' is no condition; expected a column of "
+     "21:71: program.1.stop_when.0: 'force_N' is not a condition; expected a column of "
      "history.csv, one of <, <=, >, >= and a value, such as 'field_max_MV_per_m > 80 MV/m'",
      "force_N"),
     ("unknown column", "-2 mm}, steps: 2", "-2 mm}, steps: 2, stop_when: [forceN < -1 N]",
@@ -363,13 +364,13 @@ EDITS = [
           ("bifurcation", "0", "a stage with follow"))),
     ("condition of the pre-strain", "{stage: prestrain}",
      "{stage: prestrain, stop_when: [force_N < -1 N]}",
-     "20:35: program.0.stop_when: a prestrain stage always comes to its end", "["),
+     "20:35: program.0.stop_when: a prestrain stage cannot be stopped early", "["),
     ("knock-down of nothing", "program:", "limits: {electrode_knockdown: 0.8}\nprogram:",
      "19:31: limits.electrode_knockdown: needs breakdown_strength, which it reduces", "0.8"),
     # YAML
     ("tab", "  columns", "\tcolumns", "9:1: a tab; YAML takes spaces only", None),
     ("indentation", "  outer_radius", " outer_radius",
-     "4:2: this line's indentation fits none of the lines above", "outer_radius"),
+     "4:2: the indentation of this line matches no line above", "outer_radius"),
     ("open bracket", "0 V]}, steps: 2}", "0 V}, steps: 2}",
      "22:57: a ',' or the closing ']' is missing before this", "}"),
     ("open quote", "name: case", "name: 'case", "23:1: a closing quote is missing", None),
@@ -400,8 +401,8 @@ SETS = [
     ("materials.film.e=1 MPa", "unknown key; known: KEYS"),
     ("program.9.steps=2", "program is a list with items 0 to 2, it has no 9"),
     ("program.push.steps=2", "program is a list with items 0 to 2, it has no 'push'"),
-    ("geometry.inner_radius.x=2", "geometry.inner_radius is one value, it has no 'x'"),
-    ("0.steps=2", "the file is no list"),
+    ("geometry.inner_radius.x=2", "geometry.inner_radius is a single value without a key 'x'"),
+    ("0.steps=2", "the file is not a list"),
     ("mesh.columns", "expected KEY=VALUE, such as mesh.columns=80"),
     ("=3", "expected KEY=VALUE, such as mesh.columns=80"),
     ("mesh.columns=7", "must be a multiple of 2, not 7"),
@@ -436,7 +437,7 @@ USAGE = [
     (["init", "--template", "deep"], "--template deep: unknown; did you mean 'deap'?"),
     (["init", "--out", "no/x.yaml"], "no/x.yaml: there is no folder no"),
     (["mesh", str(ROOT / "configs/membrane.yaml"), "--out", "x.vtk"],
-     "--out x.vtk: Gmsh's files end in .msh"),
+     "--out x.vtk: the name must end in .msh"),
 ]  # fmt: skip
 
 

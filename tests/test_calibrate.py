@@ -242,7 +242,7 @@ def test_no_success_is_an_exit_code(tmp_path):
     plan = line_fit(tmp_path, text=FIT.replace("max: 9", "max: 2.5"))
     fitted = replace(fit(plan), directory=tmp_path)
     report.write_report(fitted, tmp_path)
-    with pytest.raises(NotConverged, match="line: the fit is no success: At its bound") as error:
+    with pytest.raises(NotConverged, match="line: the fit failed: At its bound") as error:
         tell(fitted)
     assert error.value.exit_code == 3
     assert "NO SUCCESS" in (tmp_path / "report.txt").read_text().splitlines()[0]
@@ -444,7 +444,7 @@ def test_foreign_directory_is_left_alone(tmp_path, monkeypatch, capsys):
     for option in ("--resume", "--overwrite"):
         code, _, err = call(monkeypatch, capsys, FITS / "example.yaml", "--out", out, option)
         assert (code, err) == (
-            2, f"dealib: {out} is no directory of a fit; it is left as it is\n",
+            2, f"dealib: {out} is not the directory of a fit; it is left unchanged\n",
         )  # fmt: skip
     assert [p.name for p in out.iterdir()] == ["mine.txt"]
 

@@ -175,7 +175,7 @@ def test_what_does_not_go_with_it():
     with pytest.raises(ValueError, match=r"needs sensing\.sheet_resistance"):
         config("strip", sensing={"charging": True})
     both = {"sheet_resistance": "1 kohm", "charging": True, "differential": True}
-    with pytest.raises(ValueError, match=r"does not go with sensing\.differential"):
+    with pytest.raises(ValueError, match=r"cannot be combined with sensing\.differential"):
         config("strip", sensing=both)
 
 

@@ -384,7 +384,7 @@ def test_no_success_is_told_by_exit_code_and_headline(tmp_path, monkeypatch, cap
     code, said, err = call(monkeypatch, capsys, "calibrate", path, "--out", out)
     assert code == 3
     assert "\none: NO SUCCESS: " in said
-    assert err.startswith("dealib: one: the fit is no success: ")
+    assert err.startswith("dealib: one: the fit failed: ")
     assert "NO SUCCESS" in (out / "report.html").read_text()
 
 
@@ -457,8 +457,8 @@ def test_own_library_stands_beside_the_published_one(tmp_path):
     [
         ("{library: my_filn}", "library: mine.yaml\n", MINE, "unknown material 'my_filn'; did you "
          "mean 'my_film'?"),
-        ("{library: mine.yaml}", "", MINE, "unknown material 'mine.yaml'; a file goes to the top "
-         "level of the config, 'library: mine.yaml'; here stands the name of one of its materials"),
+        ("{library: mine.yaml}", "", MINE, "unknown material 'mine.yaml'; name a file by 'library: "
+         "mine.yaml' at the top level of the config, and here one of its materials"),
         ("{library: my_film}", "library: none.yaml\n", MINE, "1:10: library: there is no file "
          "'none.yaml'"),
         ("{library: my_film}", "library: mine.yaml\n", "my_film: {values: {law: gant}}\n",

@@ -322,8 +322,8 @@ EDITS: list[tuple[str, str, str, str | list[str], str]] = [
      "    - repeat: 2\n      layers: [{name: film, thickness: 1 mm}]",
      "7:7: geometry.layers.1: there are two layers 'film'; give them different names", "repeat"),
     ("name of a layer", "name: upper", "name: up.per",
-     "7:14: geometry.layers.1.name: 'up.per' is no name; use a letter, then letters, digits, '_' "
-     "and '-'", "up.per"),
+     "7:14: geometry.layers.1.name: 'up.per' is not a name; use a letter, then letters, digits, "
+     "'_' and '-'", "up.per"),
     ("no layers", TEXT[TEXT.index("  layers") : TEXT.index("mesh")], "  layers: []\n",
      "5:11: geometry.layers: must not be empty", "[]"),
     ("layer beyond the base", "thickness: 0.1 mm,", "thickness: 0.1 mm, within: [5 mm, 14 mm],",
@@ -348,12 +348,12 @@ EDITS: list[tuple[str, str, str, str | list[str], str]] = [
      "3:3: geometry: all layers conduct: at least one needs a material with relative_permittivity",
      "shape"),
     ("regions of a laminate", "program:", "regions: {film: film}\nprogram:",
-     "15:10: regions: only of geometry.shape: mesh; a layer names its material", "{film"),
+     "15:10: regions: only for geometry.shape: mesh; layers name their material", "{film"),
     ("low air", "  layers:", "  air_height: 0.2 mm\n  layers:",
      "5:15: geometry.air_height: 0.2 mm must exceed the solid below it (0.3 mm), or be 0 mm",
      "0.2 mm"),
     ("a mesh file for a laminate", "film_rows: 1", "file: none.msh",
-     "8:26: mesh.file: only of annular_strips; else geometry.shape: mesh", "none.msh"),
+     "8:26: mesh.file: only for annular_strips; otherwise use geometry.shape: mesh", "none.msh"),
     # terminals
     ("unknown region", "on: upper", "on: uper",
      "13:13: terminals.hot.on: the device has no 'uper'; did you mean 'upper'?", "uper"),
@@ -434,7 +434,7 @@ EDITS: list[tuple[str, str, str, str | list[str], str]] = [
      "sensing: {contact: outer, sheet_resistance: 1 kohm}\nprogram:",
      "15:20: sensing.contact: the base has no end 'outer'; known: left, right", "outer"),
     ("loads of annular strips", "program:", "physics: {coupling: pelrine}\nprogram:",
-     "15:21: physics.coupling: other devices than annular_strips: energy only", "pelrine"),
+     "15:21: physics.coupling: only energy unless the shape is annular_strips", "pelrine"),
     # found as the mesh is there
     ("nothing holds it", "program:", "holds: []\nprogram:",
      "15:8: holds: nothing holds the device against motion along X; fix a part of it here, or "

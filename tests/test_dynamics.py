@@ -368,7 +368,7 @@ def test_what_moves_needs_a_density():
     moving = "[{stage: move, dynamic: true}]"
     with pytest.raises(ConfigError, match=r"materials.electrode.density: this key is missing"):
         case("benchmark_strip", program=moving)
-    with pytest.raises(ValidationError, match="a branch is of equilibria"):
+    with pytest.raises(ValidationError, match="of equilibria cannot be dynamic"):
         Stage.model_validate(
             {
                 "stage": "x",

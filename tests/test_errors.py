@@ -53,7 +53,7 @@ def test_an_unforeseen_error_is_one_message_with_a_file_to_report(strip_run, tmp
     assert (code, out) == (70, "")
     lines = err.splitlines()
     assert lines[:2] == [
-        f"dealib: a fault of dealib's own in: dealib info {strip_run.directory}",
+        f"dealib: a fault of dealib itself in: dealib info {strip_run.directory}",
         "    KeyError: 'no such column'",
     ]
     log = Path(re.search(r"The traceback and the versions are in (\S+) \(-v shows", err)[1])

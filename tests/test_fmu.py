@@ -441,7 +441,7 @@ def test_wrong_use_is_told(made, tmp_path):
     assert done.returncode == 2
     assert "exists and is not empty" in done.stderr
     assert made[0].read_bytes() == before
-    with pytest.raises(ConfigError, match="tables are of two or three variables, not of 1"):
+    with pytest.raises(ConfigError, match="tables need two or three variables, not 1"):
         dealib.load(CONFIGS / "deap100.yaml", set={"tables.voltage": "[0 V, 2 kV]"})
     with pytest.raises(ConfigError, match="the key tables is missing"):
         tables_case(dealib.load(CONFIGS / "deap100.yaml"), fmu=True)
@@ -463,5 +463,7 @@ def test_states_that_are_not_stored_are_missed(made, tmp_path):
         for name in list(file["states"])[1:]:
             del file["states"][name]
     run = dealib.open(folder)
-    with pytest.raises(ConfigError, match="its states are not stored; overwrite=True solves them"):
+    with pytest.raises(
+        ConfigError, match="its fields are not stored; solve it again by overwrite=True"
+    ):
         write_fmu(folder / "viscous.fmu", run, collect(run), strip(None).config)

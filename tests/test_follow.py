@@ -416,16 +416,16 @@ HELD = "{stage: hold, mount: {displacement: -1 mm}}"
         (f"[{HELD}, {{stage: b, follow: {{vary: voltage, along: displacement, until:"
          " {displacement: -2 mm}}}]", "displacement is prescribed here"),
         ("[{stage: b, follow: {vary: voltage, until: {displacement: -2 mm}}}]",
-         "give the end of charge"),
+         "give the last value of charge"),
         ("[{stage: b, follow: {vary: voltage, along: force, until: {force: -2 N}}}]",
          "beside voltage only charge or the displacement of the mount measures the path, not"),
         ("[{stage: b, mount: {force: 0 N}, follow: {vary: voltage, until: {charge: 1 uC}}}]",
          "a stage that follows a branch takes no input"),
         ("[{stage: b, cycles: 2, follow: {vary: voltage, until: {charge: 1 uC}}}]",
-         "followed once"),
+         "has one cycle"),
         ("[{stage: a, mount: {spring: {stiffness: 1 N/mm, anchor: 0 mm}}},"
          " {stage: b, follow: {vary: force, until: {displacement: -1 mm}}}]",
-         "would be taken off the mount"),
+         "varying force would remove the spring from the mount"),
     ],
 )  # fmt: skip
 def test_wrong_branches_are_told(program, message):
@@ -434,13 +434,13 @@ def test_wrong_branches_are_told(program, message):
 
 
 def test_only_a_potential_can_be_followed():
-    with pytest.raises(ConfigError, match="branches are followed with energy only"):
+    with pytest.raises(ConfigError, match="a stage with follow needs coupling: energy"):
         case("pull_in", physics__coupling="pelrine")
 
 
 def test_a_branch_out_of_time_takes_no_viscosity():
     viscous = "[{shear_modulus: 1 kPa, relaxation_time: 1 s}]"
-    with pytest.raises(ConfigError, match="runs along equilibria, out of time"):
+    with pytest.raises(ConfigError, match="computes equilibria, independent of time"):
         case("pull_in", materials__film__branches=viscous)
 
 

@@ -116,9 +116,9 @@ def test_what_is_no_file_is_not_read(dealib, tmp_path, command):  # noqa: F811
 def test_a_huge_file_is_not_read_to_its_end(tmp_path):
     with (tmp_path / "case.yaml").open("wb") as file:
         file.truncate(10**12)  # takes no place on the disk
-    with pytest.raises(ConfigError, match=r"case\.yaml: more than 1 MB are too large"):
+    with pytest.raises(ConfigError, match=r"case\.yaml: larger than 1 MB, too large"):
         load(tmp_path / "case.yaml")
-    with pytest.raises(ConfigError, match="more than 1000 MB are too large for a mesh"):
+    with pytest.raises(ConfigError, match="larger than 1000 MB, too large for a mesh"):
         read_mesh(tmp_path / "case.yaml")
 
 
@@ -167,7 +167,7 @@ def test_paths_that_no_disk_takes(dealib, tmp_path, arguments):  # noqa: F811
 
 def test_a_path_without_a_nul(tmp_path):
     said = refused(BASE + 'output: {directory: "a\\0b"}\n', tmp_path)
-    assert said == "23:21: output.directory: a path without control characters is needed"
+    assert said == "23:21: output.directory: a path must not contain control characters"
 
 
 # --- sizes -----------------------------------------------------------------------------------

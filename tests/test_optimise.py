@@ -15,7 +15,8 @@ from dealib.design.designs import Designs, Evaluated
 from dealib.design.evaluate import Evaluation, evaluate
 from dealib.design.goals import Aim, Limit, goals
 from dealib.design.optimise import optimise, pareto
-from dealib.design.schema import Plan, Search
+from dealib.design.plan import Plan
+from dealib.design.schema import Search
 from dealib.design.search import descend
 from dealib.design.sensitivity import find
 
@@ -231,7 +232,7 @@ def test_where_nothing_is_allowed_it_says_what_misses_least(tmp_path):
         f"{design}: no design is within all limits; in the nearest one, 'max(breakdown_use) <= 1' "
         "is missed by "
     )
-    assert "the nearest design, which is not allowed" in said
+    assert "the nearest design, which is beyond a limit" in said
     assert not (tmp_path / "out" / "best.yaml").exists()
     thick = pd.read_csv(tmp_path / "out" / "designs.csv")[f"{THICKNESS} [mm]"]
     worst = [
@@ -322,8 +323,8 @@ def test_membrane_is_corrected_by_the_solid(tmp_path):
     found = optimise(design, tmp_path / "out", jobs=1, tell=said.append)
     assert found.best is not None
     assert found.best.model == "solid"
-    (told,) = [line for line in said if "the membrane is off the solid by" in line]
-    assert "it is searched with the membrane, and corrected by the solid" in told
+    (told,) = [line for line in said if "the membrane deviates from the solid by" in line]
+    assert "searching with the membrane, corrected by the solid" in told
     models = found.table["model"].value_counts()
     assert models["solid"] <= 5
     field = found.best.found.values["max(field_max_MV_per_m)"]
@@ -438,13 +439,13 @@ MISTAKES = {  # changed lines -> what is said, from the line on
     ),
     "no comparison": (
         {"subject_to": "[stroke]"},
-        "6:14: subject_to.0: 'stroke' compares nothing; expected a limit such as 'used <= 0.8' or "
+        "6:14: subject_to.0: 'stroke' is not a comparison; expected 'used <= 0.8' or "
         "'0 <= max(force_N) <= 2'",
     ),
     "equality": ({"subject_to": "['stroke == 2']"}, "6:14: subject_to.0: 'stroke == 2' compares"),
     "numbers": (
         {"subject_to": "['1 <= 2']"},
-        "6:14: subject_to.0: '1 <= 2' compares numbers alone",
+        "6:14: subject_to.0: '1 <= 2' compares constants; name a quantity",
     ),
     "no variables": ({"variables": "{}"}, "3:12: variables: must not be empty"),
     "no objective": (
@@ -498,7 +499,10 @@ def test_files_of_another_kind_and_other_folders_are_left_alone(tmp_path):
     assert (code, error) == (2, f"{SMALL}: a config, not a design; 'dealib run {SMALL}' takes it")
     (tmp_path / "mine").write_text("kept")
     code, _, error = command(DESIGNS / "thickness.yaml", "--out", tmp_path)
-    assert (code, error) == (2, f"{tmp_path} is no directory of an optimum; choose another --out")
+    assert (code, error) == (
+        2,
+        f"{tmp_path} is not the directory of an optimum; choose another --out",
+    )
     code, _, error = command(DESIGNS / "thickness.yaml", "--model", "solids")
     assert (code, error) == (2, "--model solids: unknown; did you mean 'solid'?")
     assert sorted(os.listdir(tmp_path)) == ["mine"]

@@ -210,7 +210,9 @@ def test_a_mesh_of_ones_own_is_drawn_whole(tmp_path):
         assert titles(contours(shape, quantity("E", shape.kinematics), look)) == ["true scale"]
     with pytest.raises(ConfigError, match="profiles run along the layers of a laminate"):
         draw_profiles(shape, [SURFACE_CHARGE])
-    with pytest.raises(ValueError, match="fields run along the layers of a laminate in a plane"):
+    with pytest.raises(
+        ValueError, match="only laminates in a plane have fields along their layers"
+    ):
         sample.check(run.config, "E", "film")
     assert dict(facts.device(run.config)["Mesh"]) == {"order": "2"}
 
@@ -231,7 +233,9 @@ def test_a_plate_in_space_is_mirrored_with_the_signs_of_its_components(plate):
         assert [s * signs[0] for s in signs] == odd
     with pytest.raises(ValueError, match="contours are drawn of devices in a plane"):
         contours(shape, quantity("E", shape.kinematics), style.LIGHT)
-    with pytest.raises(ValueError, match="fields run along the layers of a laminate in a plane"):
+    with pytest.raises(
+        ValueError, match="only laminates in a plane have fields along their layers"
+    ):
         sample.check(plate.config, "E", "film")
     with pytest.raises(ConfigError, match="no field 'S_RR' to draw"):
         quantity("S_RR", shape.kinematics)

@@ -121,7 +121,7 @@ def test_pictures_come_in_three_formats_and_two_themes(strip_run, tmp_path):
     [
         (["-y", "force"], "no column 'force' to plot; did you mean 'force_N'?"),
         (["-y", "stage"], "no column 'stage' to plot"),
-        (["-x", "force_N"], "-x force_N: say with -y what to draw against it"),
+        (["-x", "force_N"], "-x force_N: give -y, the columns to draw against it"),
         (["--field", "S_RZR"], "there is no field 'S_RZR' to draw; did you mean 'S_RZ'?"),
         (["--field", "D_n"], "there is no field 'D_n' to draw; did you mean"),
         (["--profile", "Dn"], "there is no profile 'Dn' to draw; did you mean 'D_n'?"),

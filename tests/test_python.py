@@ -120,7 +120,7 @@ def test_errors_name_arguments_in_python_and_options_on_the_command_line(tmp_pat
         dealib.plot([], "time_s", "force_N", field="E")
     with pytest.raises(dealib.ConfigError, match=r"^low and high: expected two frequencies"):
         dealib.respond(case, "3 Hz", "1 Hz")
-    with pytest.raises(dealib.ConfigError, match=r"^of history: there is no schema"):
+    with pytest.raises(dealib.ConfigError, match=r"^of history: it has no schema"):
         dealib.schema("history")
     with pytest.raises(dealib.ConfigError, match=r"^overwrite and resume exclude each other$"):
         dealib.export_tables(case, overwrite=True, resume=True)

@@ -233,7 +233,7 @@ def test_page_of_columns_is_current_and_whole():
     again = f"run: dealib schema --of history --reference --overwrite --out {file}"
     assert file.read_text() == page, again
     assert set(MEANINGS) == {quantity.name for quantity in QUANTITIES}
-    assert call_fails("schema", "--of", "history").startswith("--of history: there is no schema")
+    assert call_fails("schema", "--of", "history").startswith("--of history: it has no schema")
 
 
 @pytest.mark.parametrize(

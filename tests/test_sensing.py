@@ -424,7 +424,10 @@ def test_a_capacitance_that_turns_has_two_ways_back(tmp_path):
     program = "[{stage: down, mount: {displacement: [0 mm, -2 mm, 2 mm]}, steps: 18}]"
     run = dealib.simulate(small(program=program), tmp_path / "run")
     *lines, _ = sense([run.directory], None, None, False, False).splitlines()
-    assert lines[4] == "not unique: the capacitance turns; --at gives the lowest displacement"
+    assert (
+        lines[4]
+        == "not unique: the capacitance has an extremum; --at gives the lowest displacement"
+    )
     found = CapacitanceMap.of([run.history])
     ((_, error),) = found.errors()  # to the nearer one, not to the other side
     assert error < 1e-3

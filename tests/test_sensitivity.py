@@ -287,32 +287,32 @@ REFUSED = {
         CONFIGS / "pull_in.yaml",
         {},
         "program.{k}.follow",
-        "states on a branch belong to no given load: no sensitivities are found of them",
+        "sensitivities need given loads, which states on a branch do not have",
     ),
     "dynamic": (
         CONFIGS / "dynamics" / "step_response.yaml",
         {},
         "program.{k}.dynamic",
-        "sensitivities are known of programs in equilibrium only",
+        "sensitivities need a program in equilibrium",
     ),
     "charging": (
         SMALL,
         {"sensing.sheet_resistance": "10 kohm", "sensing.charging": True},
         "sensing.charging",
-        "sensitivities are known of programs in equilibrium only",
+        "sensitivities need a program in equilibrium",
     ),
     "softening": (
         CONFIGS / "softening.yaml",
         {},
         "materials.film.mullins",
-        "a law that softens has a kink at the largest energy so far, where states come back to "
-        "it: no sensitivities are found with it",
+        "there are no sensitivities with a softening law, whose stress has a kink at the largest "
+        "energy so far",
     ),
     "second film": (
         CONFIGS / "bias_double_cone.yaml",
         {},
         "program.{k}.mount.bias.0.film",
-        "a second film is solved for itself: no sensitivities are found with it",
+        "there are no sensitivities with a second film, which is solved alone",
     ),
 }
 
@@ -344,7 +344,7 @@ MISTAKES = [
     ({"key": ["geometry.radius"]}, "the config has no number 'geometry.radius'"),
     (
         {"key": ["geometry.electrode_thickness"]},
-        "geometry.electrode_thickness is 0, of which there is no relative change",
+        "geometry.electrode_thickness is 0 and cannot be changed by a share of itself",
     ),
 ]
 

@@ -93,8 +93,8 @@ def test_memory_decides_where_shape_does_not(monkeypatch):
     monkeypatch.setattr(linear, "machine_memory", lambda: 4e9)
     found = choose(plate, 500_000)
     assert found.iterative
-    assert found.note.startswith("a factorisation would take ")
-    assert found.note.endswith(" GB, more than there is")
+    assert found.note.startswith("a factorisation would need ")
+    assert found.note.endswith(" GB, more than the machine has")
     # too thin for multigrid: it stays with the factorisation, which `refuse_too_large` refuses
     assert not choose(block(thickness="50 um", rows=4), 500_000).iterative
 
@@ -120,7 +120,7 @@ def test_memory_of_multigrid_is_near_what_was_measured():
 @pytest.mark.parametrize(
     ("base", "sections", "reason"),
     [
-        ("strip", {}, "only of solids in three dimensions"),
+        ("strip", {}, "only for solids in three dimensions"),
         ("rectangle", {"physics": {"formulation": "mixed"}},
          "only with formulation: displacement and coupling: energy"),
     ],
@@ -134,7 +134,7 @@ def test_what_cannot_be_iterated_is_told(base, sections, reason):
 def test_the_message_names_key_and_cure():
     name = Path(__file__).parents[1] / "configs/benchmark_strip.yaml"
     with pytest.raises(ConfigError, match=(
-        r"solver\.linear=iterative: iterative: only of solids in three dimensions; choose auto or "
+        r"solver\.linear=iterative: iterative: only for solids in three dimensions; choose auto or "
         r"direct"
     )):  # fmt: skip
         load(name, ("solver.linear=iterative",))

@@ -130,7 +130,7 @@ def test_expression_values():
         ("(lambda: 1)()", "only numbers, names"),
         ("maxx(x)", "unknown function 'maxx'; did you mean 'max'?"),
         ("max(x, x)", "max() takes 1 argument, not 2"),
-        ("1 +", "'1 +' is no arithmetic expression"),
+        ("1 +", "'1 +' is not an arithmetic expression"),
         ("1" * 501, "at most 500 characters"),
     ],
 )
@@ -210,7 +210,7 @@ def test_key_is_that_of_the_physics(folder, tmp_path, monkeypatch):
         (
             "group: law",
             "group: laws",
-            "panels.1.group: 'laws' is no axis of vary; did you mean 'law'?",
+            "panels.1.group: 'laws' is not an axis of vary; did you mean 'law'?",
         ),
         # what no case will have is told before any is solved
         (
@@ -282,7 +282,7 @@ def test_key_is_that_of_the_physics(folder, tmp_path, monkeypatch):
         (
             "label: E (MV/m)",
             "limits: [2, 1]\n    label: E (MV/m)",
-            "panels.2.limits: the first must be below the second",
+            "panels.2.limits: the first limit must be below the second",
         ),
         (
             "value: depth, low: 100",
@@ -330,11 +330,14 @@ def test_configs_beside_studies_are_left_out(run_cli, folder, tmp_path):
     assert [p.name for p in find(tmp_path)] == ["study.yaml", "sweep.yaml"]
     (tmp_path / "study.yaml").write_text(STUDY.replace("base: tiny.yaml", "base: none.yaml"))
     done = run_cli(tmp_path, "study", ".")
-    assert (done.returncode, done.stdout) == (2, "no studies, left out: fit.yaml, tiny.yaml\n")
+    assert (done.returncode, done.stdout) == (
+        2,
+        "left out, since they are no studies: fit.yaml, tiny.yaml\n",
+    )
     assert "none.yaml: cannot read the config" in done.stderr
     for name in ("study", "sweep"):
         (tmp_path / f"{name}.yaml").unlink()
-    with pytest.raises(ConfigError, match=r"no study here \(a study is a \*\.yaml file with "):
+    with pytest.raises(ConfigError, match=r"the folder has no study \(a \*\.yaml file with "):
         find(tmp_path)
 
 

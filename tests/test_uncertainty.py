@@ -63,17 +63,17 @@ def test_distributions(given, mean, deviation, quarter):
         ({"min": "0 mm", "mode": "2 mm", "max": "1 mm"}, "mode", "must lie between min and max"),
         (
             {"mean": "-1 mm", "deviation": "1 mm", "distribution": "lognormal"},
-            *("mean", "must be above 0 where the distribution is lognormal"),
+            *("mean", "must be above 0 in a lognormal distribution"),
         ),
         (
             {"mean": "1 mm", "deviation": "1 um", "min": "2 mm"},
-            *(None, "hardly anything of it lies between min and max"),
+            *(None, "has a probability of nearly 0 between min and max"),
         ),
         ({"min": "1 mm", "mode": "2 mm"}, None, "a triangular distribution needs max"),
         ({"mean": "1 mm", "mode": "2 mm"}, None, "a normal distribution needs deviation"),
         (
             {"mean": "1 mm", "deviation": "1 mm", "mode": "2 mm"},
-            *("mode", "is no key of a normal distribution"),
+            *("mode", "is not a key of a normal distribution"),
         ),
         ({"min": "1 mm", "max": "1 kV"}, "max", "'kV' is not a unit of that kind"),
         ({"min": "1 mm", "max": 2}, "max", "expected a unit such as 'mm'; '2' has no unit"),
@@ -200,7 +200,7 @@ def test_what_has_no_result_counts():
     assert found.probability_low < exact < found.probability_high
     assert found.probability == pytest.approx(exact, abs=0.03)
     assert samples.known("y").numbers["mean"][0] == pytest.approx(0.45 + 0.5, abs=0.02)
-    with pytest.raises(NotConverged, match="only 0 of 16 samples have a result: too few"):
+    with pytest.raises(NotConverged, match="only 0 of 16 samples have a result, which are too few"):
         Samples(joint, lambda x: {"y": np.full(len(x), np.nan)}, 16)
 
 
@@ -407,19 +407,19 @@ MISTAKES = [  # what is written instead of what, line and column, what is said
     (THICKNESS, "{mean: 50 um, spread: 1 um}", "5:42: variables.geometry.film_thickness.spread: "
      "unknown key"),
     (THICKNESS, "{choices: [40 um, 50 um]}", "5:38: variables.geometry.film_thickness.choices: a "
-     "choice does not scatter; name a number"),
+     "choice has no distribution; name a number"),
     ("geometry.film_thickness: {mean", "geometry.film_thicknes: {mean", "5:3: variables.geometry."
      "film_thicknes: the config has no number 'geometry.film_thicknes'; did you mean"),
     ("materials.film.youngs_modulus]", "materials.film.prestretch]", "9:15: correlations.0.between:"
-     " 'materials.film.prestretch' is no variable"),
+     " 'materials.film.prestretch' is not a variable"),
     ("materials.film.youngs_modulus]", "geometry.film_thickness]", "9:15: correlations.0.between: "
-     "one variable, or a pair that is given twice"),
+     "expected two different variables, and each pair once"),
     ("coefficient: -0.6", "coefficient: -1.2", "9:86: correlations.0.coefficient: must be "
      "above -1, not -1.2"),
     ("{strength: 80 MV/m, ", "{", "10:1: breakdown.strength: this key is missing"),
     ("max(failure_probability)", "max(failure)", "13:12: quantities.failure: unknown name "
      "'failure'"),
-    ("'force <= -0.09'", "'force'", "14:14: subject_to.0: 'force' compares nothing"),
+    ("'force <= -0.09'", "'force'", "14:14: subject_to.0: 'force' is not a comparison"),
     ("samples: 16", "samples: 20", "15:21: sampling.samples: 20 is not allowed"),
 ]  # fmt: skip
 
@@ -443,7 +443,8 @@ def test_correlations_that_cannot_be(tmp_path):
     path.write_text(f"{start}  - " + "\n  - ".join(given) + rest[rest.index("\n") :])
     assert path.read_text() != text
     done = command(path)
-    assert f"{path}:8:1: correlations: no variables have all these" in str(done.exception)
+    said = f"{path}:8:1: correlations: these coefficients contradict each other"
+    assert said in str(done.exception)
 
 
 def test_too_few_samples(tmp_path):
@@ -454,7 +455,7 @@ def test_too_few_samples(tmp_path):
     path = tmp_path / "many.yaml"
     path.write_text(text.replace("correlations:", f"{lines}correlations:"))
     done = command(path, "--cache", tmp_path / "cases")
-    said = "20:21: sampling.samples: 16 samples are too few for so many variables; take 18 or more"
+    said = "20:21: sampling.samples: 16 samples are too few for these variables; take 18 or more"
     assert f"{path}:{said}" in str(done.exception)
 
 
@@ -463,7 +464,7 @@ def test_a_sample_that_is_impossible(tmp_path):
     done = command(path, "--cache", tmp_path / "cases")
     assert isinstance(done.exception, ConfigError)
     assert f"{path}:4:1: variables: sample " in str(done.exception)
-    assert "min and max keep a variable where it can be" in str(done.exception)
+    assert "is impossible; limit its variables by min and max" in str(done.exception)
 
 
 def test_optimise_wants_bounds(tmp_path):
@@ -492,7 +493,7 @@ def test_samples_beyond_pull_in_are_counted(tmp_path):
     assert samples.loc[~lost, "force"].notna().all()
     assert samples.loc[lost].iloc[:, 3].min() > samples.loc[~lost].iloc[:, 3].max() - 0.2
     assert samples.loc[lost, "error"].str.contains("pull-in").all()
-    said = f"{lost.sum()} of 16 samples have no result: they meet no limit"
+    said = f"{lost.sum()} of 16 samples have no result: they count as meeting no limit"
     assert said in done.output
     summary = pd.read_csv(tmp_path / "out" / "summary.csv").set_index("quantity")
     for row in ("no result", "force <= 1000"):

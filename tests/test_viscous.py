@@ -425,7 +425,7 @@ def test_the_tangent_is_symmetric():
 
 def test_a_second_film_has_no_branches():
     film = "{stage: release, mount: {bias: [{film: {distance: 2 mm%s}}]}}"
-    with pytest.raises(ConfigError, match="a second film answers at once"):
+    with pytest.raises(ConfigError, match="a second film is elastic, without viscosity"):
         case(program=f"[{film % ''}]")
     plain = ", set: {materials.film.branches: [], materials.electrode.branches: []}"
     assert case(program=f"[{film % plain}]").config.materials["film"].branches

@@ -1,1 +1,1 @@
-"""Pages in the browser: a config under sliders, and the results of a run."""
+"""Pages in the browser: a config with sliders, and the results of a run."""

@@ -1,4 +1,4 @@
-"""Figures of a page, as plain data for plotly: curves, and the deformed device."""
+"""Figures of a page as plain data for Plotly: curves, and the deformed device."""
 
 from __future__ import annotations
 
@@ -25,14 +25,21 @@ _LIGHTING = {"ambient": 0.65, "diffuse": 0.5, "specular": 0.05, "facenormalsepsi
 
 
 def columns(run: Run) -> tuple[list[str], str, list[str]]:
-    """Columns that can be drawn, the abscissa and those that are drawn at first."""
+    """Columns that can be drawn, the initial abscissa and the initial ordinates."""
     every = [c for c in map(str, run.history) if c != "stage"]
     first = [*motion(run), drive(run), *(c for c in every if c.startswith("capacitance_pF"))]
     return every, "time_s", list(dict.fromkeys(first))[:4]
 
 
 def curves(run: Run, x: str, chosen: list[str], solid: Any = None) -> dict[str, Any]:
-    """Columns over another one, red where a limit is passed; those of a second run are dotted."""
+    """Columns over another one, red where a limit is exceeded.
+
+    Args:
+        run: The run.
+        x: Column of the abscissa.
+        chosen: Columns of the ordinates.
+        solid: A second run, whose columns are dotted; None: there is none.
+    """
     traces: list[dict[str, Any]] = []
     high = 1.06 / max(len(chosen), 1)
     layout: dict[str, Any] = {"showlegend": False, "uirevision": f"{x} {chosen}"}
@@ -61,7 +68,7 @@ def curves(run: Run, x: str, chosen: list[str], solid: Any = None) -> dict[str, 
 
 
 def fields(run: Run) -> dict[str, str]:
-    """Names and titles of the fields that a run has; those of a report come first."""
+    """Titles of the fields of a run, by name; those that a report shows come first."""
     if not run.stored_steps:
         return {}
     shape = Shape(run, n=1)
@@ -72,20 +79,20 @@ def fields(run: Run) -> dict[str, str]:
 
 
 def cuts(run: Run) -> list[str]:
-    """Ways in which the device can be looked at."""
+    """Views of the device: whole and cut across an axis, or a section."""
     solid = run.config.device.kinematics.dim == 3
     return ["whole", *(f"cut across {axis}" for axis in "XYZ")] if solid else ["section"]
 
 
 def device(run: Run, step: int, field: str, cut: str, share: float) -> dict[str, Any]:
-    """The deformed device at a stored step, coloured.
+    """The deformed device at a stored step, coloured by a field.
 
     Args:
         run: The run.
         step: Step of the history.
-        field: Name of a field.
-        cut: Of `cuts`.
-        share: Where a device in space is cut, from 0 to 1 of its extent.
+        field: Name of the field.
+        cut: A view of `cuts`.
+        share: Place of the cut of a three-dimensional device, from 0 to 1 of its extent.
     """
     shape = Shape(run, step, n=2)
     what = quantities(shape.kinematics)[field]
@@ -127,7 +134,7 @@ def _flat(x: Array, shape: Shape, values: Array, look: dict[str, Any]) -> list[d
 
 
 def _solid(every: Any, axis: int, share: float, shades: dict[str, Any]) -> list[dict[str, Any]]:
-    """The surface of a device in space, cut across an axis if one is given (else it is -1)."""
+    """The surface of a three-dimensional device, cut across an axis; -1: whole."""
     ends = np.concatenate([body.points for body, _ in every])
     low, high = ends.min(axis=0), ends.max(axis=0)
     at, traces = low + (high - low) * np.clip(share, 1e-6, 1 - 1e-6), list[dict[str, Any]]()

@@ -1,4 +1,4 @@
-"""The page: sliders, curves, margins and the deformed device; served to this machine alone."""
+"""The page: sliders, curves, margins and the deformed device, served to this machine only."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ _DRAG: dict[str, Any] = {"updatemode": "drag"}
 
 
 def show(case: Case, wanted: list[str], port: int, browser: bool) -> None:
-    """Show a config under sliders, and solve, until a signal comes."""
+    """Show a config with sliders, and solve for their positions, until a signal comes."""
     from dealib.app.solving import Session
 
     session = Session(case, wanted)
     _open(build(session.run, session), port, browser)
-    gc.freeze()  # modules come to stay: to look for garbage among them takes 0.1 s
+    gc.freeze()  # imported modules stay: collecting among them takes 0.1 s
     gc.set_threshold(20_000)
     session.serve()
 
@@ -55,7 +55,14 @@ def _open(page: Any, port: int, browser: bool) -> None:
 
 
 def build(run: Run, session: Any = None) -> Any:
-    """The page of a run, or of a session, of which the run is the first answer.
+    """Build a page.
+
+    Args:
+        run: The run that is shown at first.
+        session: The `Session` of a page with sliders; None: a page of the run alone.
+
+    Returns:
+        The Dash application.
 
     Raises:
         PlatformError: If dash is not installed.
@@ -64,7 +71,7 @@ def build(run: Run, session: Any = None) -> Any:
         from dash import ALL, Dash, Input, Output, State, dcc, html, no_update
     except ImportError:
         raise PlatformError(
-            "dash is not installed, which shows pages: .venv/bin/pip install 'dash>=4,<5'"
+            "pages need dash, which is not installed: .venv/bin/pip install 'dash>=4,<5'"
         ) from None
     now: dict[str, Any] = {"run": run, "solid": None, "number": 1}  # what is shown
     turn, given = threading.Lock(), [] if session is None else session.sliders
@@ -126,7 +133,7 @@ def build(run: Run, session: Any = None) -> Any:
             if found is None:
                 return [no_update] * len(outputs)
             if found.problem:
-                next_ = no_update if level else values  # more steps may get there
+                next_ = no_update if level else values  # more steps may converge
                 return [found.told, found.problem, no_update, no_update, next_]
             now.update({"solid": found.run} if level == 2 else {"run": found.run, "solid": None})
             now["number"] += 1
@@ -161,7 +168,7 @@ def build(run: Run, session: Any = None) -> Any:
     def shown(number: int, step: int, last: int) -> list[Any]:
         of: Any = now["run"]
         count = max(len(of.stored_steps) - 1, 1)
-        stays = now.get("typical", _typical(run) / last) != step / last  # where the user put it
+        stays = now.get("typical", _typical(run) / last) != step / last  # the user has chosen it
         now["typical"] = _typical(of) / count
         return [count, round(step / last * count) if stays else _typical(of), used(of)]
 
@@ -188,7 +195,14 @@ def _typical(run: Run) -> int:
 
 
 def serve(app: Any, port: int) -> str:
-    """Serve a page from a thread of its own, at a port (0: a free one); returns its address.
+    """Serve a page from a thread of its own.
+
+    Args:
+        app: The Dash application.
+        port: Port of 127.0.0.1; 0: a free one.
+
+    Returns:
+        The address of the page.
 
     Raises:
         ConfigError: If the port is in use.
@@ -203,14 +217,14 @@ def serve(app: Any, port: int) -> str:
         listening.bind((_HOST, port))
         listening.listen()
     except OSError as error:
-        hint = f"choose another one, or leave {by_caller('--port', 'port')} out"
+        hint = f"choose another one, or leave out {by_caller('--port', 'port')}"
         raise ConfigError(
             f"{by_caller('--port', 'port')} {port}: {error.strerror}; {hint}"
         ) from None
 
     @app.server.before_request
     def _for_this_machine() -> None:
-        """Refuse a page of the web that has given this machine a name of its own."""
+        """Refuse other host names, by which web pages could reach this server (DNS rebinding)."""
         if request.host.partition(":")[0] not in (_HOST, "localhost"):
             abort(403)
 

@@ -1,4 +1,4 @@
-"""Solves what the sliders of a page ask for: the newest position wins."""
+"""Solves the config of a page's sliders; only their newest position is solved."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from dealib.program.margins import table
 from dealib.results.reader import Run
 from dealib.results.summary import motion
 
-_COLUMNS, _STEPS = 12, 2  # of a quick answer: elements along the film, steps of a stage
-_REACH = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95)  # of a slider, of the number that the file gives
-QUICK, FULL, CHECK = 0, 1, 2  # what is asked for
-_REST = 1.0  # s, before the solid is solved, whose steps cannot be stopped
+_COLUMNS, _STEPS = 12, 2  # elements along the film and steps of a stage in a quick solution
+_REACH = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95)  # lower ends of a slider, as shares of the number
+QUICK, FULL, CHECK = 0, 1, 2  # levels of a solution
+_REST = 1.0  # s without a new position before the solid, whose steps cannot be stopped, is solved
 _HOW = ("quick: few steps and elements", "all steps", "checked by the solid")
 Values = tuple[float, ...]
 
 
 class Slider(NamedTuple):
-    """A number of the config that can be moved, and how far."""
+    """A number of the config that a slider changes, and its range."""
 
     key: Key
     low: float
@@ -43,7 +43,7 @@ class Slider(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """A run, or what went wrong; and how it was found."""
+    """A run or an error, and a line about the solution."""
 
     run: Run | None
     told: str
@@ -56,7 +56,7 @@ class Kept(Run):
     def __init__(self, config: Config, rows: list[Any], states: list[Any], last: Any) -> None:
         self.directory, self._told, self._states = Path(config.directory), set(), states
         self._info = {"margins": table(last.progress.worst), "name": config.name, "status": "done"}
-        # what a run would read from its files
+        # attributes that `Run` reads from files
         self.__dict__ |= {"config": config, "title": config.name, "mesh": last.layout.mesh}
         self.__dict__ |= {"history": pd.DataFrame(rows)}
 
@@ -68,10 +68,10 @@ class Kept(Run):
 
 
 def sliders(config: Config, wanted: Sequence[str]) -> list[Slider]:
-    """Numbers of a config that can be moved by half of themselves, or as far as it may.
+    """Sliders for numbers of a config, up to 50 % to both sides as far as the config is valid.
 
     Raises:
-        ConfigError: If there is no such number, or it cannot be moved.
+        ConfigError: If there is no such number, or it cannot be changed.
     """
     found = []
     for key in keys(config, wanted):
@@ -86,17 +86,17 @@ def sliders(config: Config, wanted: Sequence[str]) -> list[Slider]:
         if ends[0] < ends[1]:
             found.append(Slider(key, *sorted(f * key.value for f in ends)))
     if not found:
-        raise ConfigError("the config has no such number that could be moved")
+        raise ConfigError("the config has no such number that can be changed")
     return found
 
 
 class Session:
-    """A config under sliders; asked by the page's threads, and solved in the one of `serve`.
+    """A config with sliders; threads of the page ask, and the thread of `serve` solves.
 
     Attributes:
-        sliders: What can be moved.
-        run: The last result; there is one at once.
-        checks: Whether the solid checks the membrane that stands for it.
+        sliders: The sliders.
+        run: The last result; the config of the file is solved first.
+        checks: Whether a membrane replaces the solid, which then checks it.
 
     Args:
         case: The case.
@@ -104,7 +104,7 @@ class Session:
 
     Raises:
         ConfigError: If a key is wrong.
-        NotConverged: If the config as it is has no solution.
+        NotConverged: If the config of the file has no solution.
     """
 
     def __init__(self, case: Case, wanted: Sequence[str] = ()) -> None:
@@ -114,7 +114,7 @@ class Session:
         self._asked: tuple[int, int, Values] | None = None
         self._found: tuple[int, Answer | None] = (0, None)
         start, own = tuple(s.key.value for s in self.sliders), case.config.physics.model
-        self._sheet: dict[str, Any] = {}  # what makes a membrane of the solid
+        self._sheet: dict[str, Any] = {}  # changes that make the solid a membrane
         if own == "solid":
             self._sheet = {"physics": {"model": "membrane", "formulation": "displacement"}}
             if getattr(case.config.geometry, "air_height", 0):
@@ -132,28 +132,40 @@ class Session:
     def config(self, values: Values, solid: bool = False) -> Config:
         """The config of a position of the sliders.
 
+        Args:
+            values: Values of the sliders, in the units of their keys.
+            solid: Whether it is the solid, even if a membrane replaces it.
+
         Raises:
-            ConfigError: If it is none.
+            ConfigError: If the config is not valid.
         """
         pairs = zip(self.sliders, values, strict=True)
         factors = {s.key: v / s.key.value for s, v in pairs if abs(v / s.key.value - 1) > 1e-9}
         return moved(self._case.config, factors, {} if solid else self._sheet)
 
     def save(self, values: Values) -> Path:
-        """Write the config of a position into the present folder, under a name of its own."""
+        """Write the config of a position to a new file in the present folder."""
         config, k = self.config(values), 0
         while True:
             k += 1
             path = Path(f"{config.name}-app-{k}.yaml")
             output = config.output.model_copy(update={"directory": f"runs/{path.stem}"})
             text = resolved(config.model_copy(update={"output": output}))
-            if write_new(path, f"# as the sliders of dealib app stood; {self._model}\n{text}"):
+            if write_new(path, f"# position of the sliders of dealib app; {self._model}\n{text}"):
                 return path
 
     def ask(self, level: int, values: Values) -> Answer | None:
-        """Wait for an answer; None once another position is asked for, or if it is none."""
+        """Ask for the solution of a position, and wait for it.
+
+        Args:
+            level: QUICK, FULL or CHECK.
+            values: Values of the sliders.
+
+        Returns:
+            The answer; None if the values are incomplete, or another position is asked for.
+        """
         if len(values) != len(self.sliders) or not all(isinstance(v, (int, float)) for v in values):
-            return None  # a field that is being typed in
+            return None  # the user is typing a value
         with self._turn:
             if level == QUICK:
                 self._newest = values
@@ -197,7 +209,7 @@ class Session:
         return Answer(run, told)
 
     def _solve(self, config: Config, quick: Any, ticket: int = 0) -> Any:
-        """The run of a config; None if it is not wanted any more."""
+        """Solve a config; None if another one is asked for meanwhile."""
         if quick:
             columns = min(config.mesh.columns, _COLUMNS)
             mesh = config.mesh.model_copy(update={"columns": columns})
@@ -217,11 +229,11 @@ class Session:
 
 
 def deviation(fast: Run, solid: Run) -> str:
-    """By how much a membrane is off, of the range of what the device does."""
+    """The error of a membrane relative to the range of the device's motion, in words."""
     told, at = [], solid.history["time_s"]
     for name in motion(solid):
         exact = solid.history[name].to_numpy()
         off = np.abs(np.interp(at, fast.history["time_s"], fast.history[name]) - exact).max()
-        if off > 1e-6 * np.ptp(exact) > 1e-15:  # else it is given
+        if off > 1e-6 * np.ptp(exact) > 1e-15:  # otherwise the motion is prescribed
             told.append(f"{split(name)[0].lower()} {100 * off / np.ptp(exact):.2g} %")
-    return f"; the membrane is off by {', '.join(told)} of the range" if told else ""
+    return f"; the membrane deviates by {', '.join(told)} of the range" if told else ""

@@ -1,1 +1,1 @@
-"""Cases: solved in parallel, kept by their physics; what studies and fits are made of."""
+"""Cases of studies and fits: solved in parallel, and kept by the key of their physics."""

@@ -1,4 +1,4 @@
-"""Solved cases on disk, found again by the key of all that their results depend on."""
+"""Solved cases on disk, found by the key of all that their results depend on."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def key(config: Config, fields: str, also: str = "") -> str:
     """Key of a case: equal for equal physics, mesh file, code and versions of libraries.
 
     Args:
-        config: Its config; what it is called and where its results go does not count.
-        fields: Which fields are kept.
-        also: What is computed beside the run.
+        config: Its config; names, descriptions and output do not count.
+        fields: Which fields are stored, as `output.fields`.
+        also: Further results that are computed with the run.
     """
     left_out: Any = {"name": True, "description": True, "output": True, "mesh": {"file"}}
     tree = config.model_dump(mode="json", exclude=left_out)
@@ -35,7 +35,7 @@ def key(config: Config, fields: str, also: str = "") -> str:
 
 @dataclass(frozen=True)
 class Cache:
-    """A folder of run directories, one a key, each with a log beside it.
+    """A folder of run directories, one for each key, each with a log beside it.
 
     Attributes:
         folder: The folder.
@@ -44,13 +44,14 @@ class Cache:
     folder: Path
 
     def run(self, key: str) -> Run:
-        """The run of a case that has one."""
+        """The run of a solved case."""
         return Run(self.folder / key)
 
-    def standing(self, key: str) -> tuple[str, str]:
-        """Status of a case, and what went wrong.
+    def status(self, key: str) -> tuple[str, str]:
+        """Status of a case and its error.
 
-        'missing' if there is nothing, 'damaged' if it cannot be read; both are to be solved.
+        The status is that of its run, 'missing' without a run directory, or 'damaged' if the run
+        cannot be read.
         """
         directory = self.folder / key
         if not directory.is_dir():
@@ -63,5 +64,5 @@ class Cache:
         return run.status, str(run.info.get("error", ""))
 
     def settled(self, key: str, retry: bool = False) -> bool:
-        """Whether nothing is to be solved: it is done, or did not converge and is not retried."""
-        return self.standing(key)[0] in ((DONE,) if retry else (DONE, FAILED))
+        """Whether a case need not be solved: it is done, or did not converge and not `retry`."""
+        return self.status(key)[0] in ((DONE,) if retry else (DONE, FAILED))

@@ -1,4 +1,4 @@
-"""What a worker does: one case into its run directory, whatever happens on the way."""
+"""The job of a worker: one case is solved into its run directory; errors become results."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 Report = Callable[[int, int], None]  # step, steps planned
 Work = Callable[["Job", Report | None], None]
-Wanted = tuple[Band, str | None]  # a spectrum, and the stage at whose end; None: the last one
+Wanted = tuple[Band, str | None]  # a spectrum and the stage at whose end; None: the last one
 
 
 @dataclass(frozen=True)
@@ -31,15 +31,15 @@ class Job:
     """A case to solve.
 
     Attributes:
-        label: For messages.
-        key: Of its physics.
-        base: The config's file.
+        label: Name in messages.
+        key: Key of its physics.
+        base: The file of the config.
         overrides: 'key=value' changes of it.
-        folder: Of the cache.
-        spectrum: That is wanted of it, too.
-        watch: Makes one more observer of the run, from its directory.
-        work: What is done instead of a run: a function of a module, which takes the job and the
-            report.
+        folder: Folder of the cache.
+        spectrum: Spectrum that is computed too.
+        watch: Makes a further observer of the run, from its directory.
+        work: Function that replaces the run; it takes the job and the report, and is defined in a
+            module, so that it can be pickled.
     """
 
     label: str
@@ -58,7 +58,7 @@ class Job:
 
     @property
     def log(self) -> Path:
-        """File for all that is printed."""
+        """File of all that the job prints."""
         return self.folder / f"{self.key}.log"
 
 
@@ -69,9 +69,9 @@ class Ended:
     Attributes:
         job: The job.
         status: 'done', 'not converged', 'failed' or 'crashed'.
-        error: What went wrong, in one message.
-        seconds: Wall time.
-        exit_code: That a run of its own would have ended with.
+        error: What went wrong; empty if nothing did.
+        seconds: Wall time, s.
+        exit_code: Exit code that the command line would have given.
     """
 
     job: Job
@@ -82,9 +82,11 @@ class Ended:
 
 
 def run(job: Job, report: Report | None = None) -> Ended:
-    """Solve a case; never raises, except for what is to stop the worker.
+    """Solve a case; errors become results, and only interrupts are raised.
 
-    The process keeps the solver for the next one.
+    Args:
+        job: The case.
+        report: Called with the step and the number of planned steps.
     """
     begin = time.perf_counter()
     status, error, code = "done", "", 0
@@ -96,7 +98,7 @@ def run(job: Job, report: Report | None = None) -> Ended:
         status = "not converged" if code == 3 else "failed"
     except Exception as problem:
         status, code = "failed", FAULT
-        error = f"{type(problem).__name__}: {problem} (a fault of dealib's own; see {job.log})"
+        error = f"{type(problem).__name__}: {problem} (a fault of dealib itself; see {job.log})"
     return Ended(job, status, error, time.perf_counter() - begin, code)
 
 
@@ -107,20 +109,20 @@ def _run(job: Job, report: Report | None) -> None:
 
 
 def solve(case: Case, job: Job, report: Report | None, **options: Any) -> None:
-    """Solve the case of a job into its run directory, alone.
+    """Solve a case into the run directory of its job, in this process alone.
 
     Args:
         case: The case.
         job: The job.
-        report: Is told how far it is.
-        options: Of `simulate`.
+        report: Called with the step and the number of planned steps.
+        options: Further arguments of `simulate`.
     """
     from mpi4py import MPI
 
     from dealib.program import simulate
     from dealib.results.info import INFO
 
-    if not (job.directory / INFO).is_file():  # a rest, which `simulate` would not overwrite
+    if not (job.directory / INFO).is_file():  # incomplete; `simulate` would not overwrite it
         shutil.rmtree(job.directory, ignore_errors=True)
     observers: list[Any] = [] if report is None else [_Reporter(report)]
     if job.watch is not None:
@@ -137,14 +139,14 @@ def solve(case: Case, job: Job, report: Report | None, **options: Any) -> None:
 
 @functools.cache
 def reuse() -> Any:
-    """The process's solver, which its cases take over from each other where they can."""
+    """The solver of this process, which its cases share where their equations allow it."""
     from dealib.fem.reuse import Reuse  # imports dolfinx
 
     return Reuse()
 
 
 class _Reporter:
-    """An observer that tells how far the case is."""
+    """An observer that reports the steps of a run."""
 
     def __init__(self, report: Report) -> None:
         self._report, self._total = report, 0
@@ -163,7 +165,7 @@ class _Reporter:
 
 @contextmanager
 def _printed_to(path: Path) -> Iterator[None]:
-    """Send what the process and its libraries print to a file."""
+    """Redirect all output of the process and its libraries to a file while the context lasts."""
     with guarded(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         file = path.open("w", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Workers: processes of this machine, or ranks of mpirun, that solve jobs and survive failures."""
+"""Workers that solve jobs: processes of this machine, or ranks of mpirun."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dealib.errors import Interrupted
 
 
 class Watcher:
-    """Sees how the jobs go on; this one looks away."""
+    """Base of observers of jobs; its methods do nothing."""
 
     def __enter__(self) -> Watcher:
         return self
@@ -24,28 +24,28 @@ class Watcher:
         pass
 
     def begin(self, worker: int, job: Job) -> None:
-        """A worker has taken a job."""
+        """Called when a worker begins a job."""
 
     def step(self, worker: int, job: Job, step: int, total: int) -> None:
-        """A worker has solved a step."""
+        """Called when a worker has solved a step."""
 
     def end(self, worker: int, ended: Ended) -> None:
-        """A worker has ended a job."""
+        """Called when a worker has ended a job."""
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0))
 
 
 class Pool:
-    """Processes that solve jobs; one that dies is reported, and replaced.
+    """Processes that solve jobs; one that dies is reported and replaced.
 
-    They are stopped at the end of the context, at once if there is something to do.
+    They end with the context; busy ones are terminated.
 
     Args:
-        count: Number of processes; they are started as they are needed.
-        watcher: Sees what they do.
+        count: Largest number of processes; they are started when they are needed.
+        watcher: Observer of the jobs.
     """
 
     def __init__(self, count: int, watcher: Watcher | None = None) -> None:
@@ -63,10 +63,10 @@ class Pool:
             worker.wait()
 
     def solve(self, jobs: Sequence[Job]) -> Iterator[Ended]:
-        """Solve jobs, beginning with the first.
+        """Solve jobs in their order.
 
         Yields:
-            How they ended, as they do.
+            The result of each job when it ends.
         """
         pending, watcher = list(reversed(jobs)), self._watcher
         while len(self._workers) < min(self._count, len(jobs)):
@@ -113,7 +113,7 @@ class _Worker:
         return job
 
     def receive(self) -> tuple[int, int] | Ended:
-        """What the process says next; an end of its job too when it has died."""
+        """Next message of the process: steps, or the end of its job, also if it has died."""
         assert self.job is not None
         message: tuple[int, int] | Ended
         try:
@@ -126,14 +126,14 @@ class _Worker:
         return message
 
     def dismiss(self) -> None:
-        """Tell the process to end."""
+        """Make the process end; a busy one is terminated."""
         with suppress(OSError):
             self.pipe.close()
         if self.job is not None:
             self._process.terminate()
 
     def wait(self) -> None:
-        """Wait for its end, but not for long."""
+        """Wait up to 10 s for the end of the process, then kill it."""
         self._process.join(timeout=10)
         if self._process.is_alive():
             self._process.kill()
@@ -146,8 +146,8 @@ def _death(code: int | None) -> str:
 
 
 def _serve(pipe: Connection) -> None:
-    """Life of a worker process: until its pipe is closed, or it is told to end."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all: the parent decides
+    """Main loop of a worker process; it ends when the pipe is closed or a signal comes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent acts
     with suppress(EOFError, OSError, Interrupted):
         while True:
             job = pipe.recv()
@@ -158,7 +158,7 @@ def in_ranks(jobs: Sequence[Job], watcher: Watcher, executor: Any) -> Iterator[E
     """Solve jobs in the ranks of an executor of mpi4py.futures.
 
     Yields:
-        How they ended, as they do.
+        The result of each job when it ends.
     """
     from concurrent.futures import as_completed
 

@@ -1,4 +1,4 @@
-"""`dealib bias`: the chart of film and bias, its equilibria and the stroke between them."""
+"""`dealib bias`: forces of film and bias over displacement, their equilibria and the stroke."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def draw_chart(
     dark: bool,
     overwrite: bool,
 ) -> None:
-    """Solve and draw the chart, write its CSV files, print its equilibria.
+    """Compute and draw the chart, write its CSV files, print its equilibria.
 
     Raises:
-        ConfigError: If an option is wrong, a file is in the way, or there is no bias.
+        ConfigError: If an option is wrong, a file exists already, or there is no bias.
     """
     from dealib.plots import style
 
@@ -41,7 +41,7 @@ def draw_chart(
 
 
 def describe(chart: BiasChart) -> list[str]:
-    """Equilibria, strokes and what is missing, a line each."""
+    """One line for each equilibrium, stroke and note."""
     lines = []
     for volts, equilibria in chart.equilibria.items():
         for e in equilibria:
@@ -54,7 +54,7 @@ def describe(chart: BiasChart) -> list[str]:
         back = (
             ""
             if stroke.returns
-            else f"; without voltage it stays: {stroke.back.displacement:.6f} mm"
+            else f"; without voltage it remains at {stroke.back.displacement:.6f} mm"
         )
         lines.append(
             f"stroke {stroke.length:.6f} mm, from {stroke.start.displacement:.6f} mm "

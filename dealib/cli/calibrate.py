@@ -1,4 +1,4 @@
-"""`dealib calibrate`."""
+"""`dealib calibrate`: fit parameters and print the report."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import typer
 
 from dealib.calibration.report import Fitted, as_text
 from dealib.errors import NotConverged
-from dealib.tasks.measuring import calibrate
+from dealib.tasks.fitting import calibrate
 
 
 def run_fit(
@@ -20,10 +20,10 @@ def run_fit(
     resume: bool,
     overwrite: bool,
 ) -> None:
-    """Run a fit and print its report (see `tasks.measuring.calibrate`).
+    """Run a fit and print its report (see `tasks.fitting.calibrate`).
 
     Raises:
-        NotConverged: If the fit is no success; its report is there.
+        NotConverged: If the fit failed; its report is written.
     """
     options = {"resume": resume, "overwrite": overwrite}
     tell(calibrate(path, out, jobs, cache=folder, tell=typer.echo, **options))
@@ -33,10 +33,9 @@ def tell(fitted: Fitted) -> None:
     """Print the report of a fit.
 
     Raises:
-        NotConverged: If the fit is no success.
+        NotConverged: If the fit failed.
     """
     assert fitted.directory is not None
     typer.echo(f"\n{as_text(fitted)}\n\n{fitted.directory / 'report.html'}")
     if fitted.failures:
-        failed = " ".join(fitted.failures)
-        raise NotConverged(f"{fitted.name}: the fit is no success: {failed}")
+        raise NotConverged(f"{fitted.name}: the fit failed: {' '.join(fitted.failures)}")

@@ -1,4 +1,4 @@
-"""When the process began, for the timings of a run."""
+"""The time at which the process began, for the timings of a run."""
 
 import time
 

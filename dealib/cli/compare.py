@@ -1,4 +1,4 @@
-"""`dealib compare`: a run against measured curves."""
+"""`dealib compare`: compare a run with measured curves."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dealib.errors import ConfigError
 from dealib.results.reader import Run
 from dealib.tasks.measuring import against, selection
 
-_MOST_BRANCHES = 8  # lines of branches that are printed of a curve
+_MOST_BRANCHES = 8  # branches of a curve that are printed
 
 
 def compare_run(
@@ -29,18 +29,18 @@ def compare_run(
     out: Path | None,
     overwrite: bool,
 ) -> None:
-    """Print RMSE and R2 of each measured curve, and draw it if wanted.
+    """Print RMSE and R2 of each measured curve, and draw the curves if `out` is given.
 
     Args:
         run: The run.
-        files: The data.
-        wanted: Keys of a `Selection` but `file`, for all files.
-        settings: More of them, as KEY=VALUE.
+        files: The files of data.
+        wanted: Keys of a `Selection` without `file`, for all files.
+        settings: Further keys, as KEY=VALUE.
         out: Picture.
-        overwrite: Whether it may be there.
+        overwrite: Replace the picture if it exists.
 
     Raises:
-        ConfigError: If data and run do not fit, or the picture is in the way.
+        ConfigError: If data and run cannot be compared, or the picture exists already.
     """
     if out is not None:
         from dealib.plots.style import FORMATS, check_target
@@ -61,7 +61,7 @@ def compare_run(
 
 
 def _outside(curves: list[Comparison], history: Mapping[str, Any]) -> list[str]:
-    """A line a curve that lies mostly outside the run, with what may be the matter."""
+    """A warning for each curve that lies mostly outside the run, with a likely reason."""
     return [
         f"{c.y_name}: only {c.inside.mean():.0%} of the points lie inside the run's range of "
         f"{c.x_name}{remedy(c.x_name, c.x, history[c.x_name])}"
@@ -71,7 +71,7 @@ def _outside(curves: list[Comparison], history: Mapping[str, Any]) -> list[str]:
 
 
 def chosen(file: Path, wanted: dict[str, Any], settings: Sequence[str]) -> Selection:
-    """What is taken from a file, by the options of the command line.
+    """The selection of data in a file that options of the command line describe.
 
     Raises:
         ConfigError: If an option is wrong.
@@ -89,7 +89,7 @@ def chosen(file: Path, wanted: dict[str, Any], settings: Sequence[str]) -> Selec
 
 
 def table(comparisons: list[Comparison]) -> list[str]:
-    """A line a curve, and a line a branch where there are several."""
+    """A table with a line for each curve, and for each branch if there are several."""
     rows = [("curve", "points", "RMSE", "R2")]
     for c in comparisons:
         numbers = np.unique(c.branch)
@@ -100,10 +100,13 @@ def table(comparisons: list[Comparison]) -> list[str]:
             rows += [_row(f"  branch {k}", p, unit) for k, p in parts if p.inside.any()]
         if len(numbers) > _MOST_BRANCHES:
             rows.append((f"  and {len(numbers) - _MOST_BRANCHES} more", "", "", ""))
-    widths = [max(len(row[i]) for row in rows) for i in range(4)]
-    return [
-        "  ".join(f"{cell:<{w}}" for cell, w in zip(r, widths, strict=True)).rstrip() for r in rows
-    ]
+    return aligned(rows)
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """The lines of a table with columns of equal width."""
+    widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
+    return ["  ".join(f"{c:<{w}}" for c, w in zip(r, widths, strict=True)).rstrip() for r in rows]
 
 
 def _row(name: str, c: Comparison, unit: str | None = None) -> tuple[str, str, str, str]:

@@ -1,4 +1,4 @@
-"""`dealib data`: what is read from a measured file."""
+"""`dealib data`: show how a measured file is read."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import typer
 
-from dealib.cli.compare import chosen
+from dealib.cli.compare import aligned, chosen
 from dealib.data.read import read
 from dealib.data.table import Table
 from dealib.errors import ConfigError
 
-_DRAWN = 12  # columns
+_DRAWN = 12  # largest number of columns in the picture
 
 
 def show(
@@ -27,14 +27,14 @@ def show(
     """Print how a file is read and its columns, and draw them.
 
     Raises:
-        ConfigError: If the file has no single reading, or the picture is in the way.
+        ConfigError: If the file is ambiguous or cannot be read, or the picture exists already.
     """
     from dealib.plots import style
 
     picture = out or Path(f"{file.stem}-data.png")
     table = read(file, chosen(file, {}, settings).format)
     if not table.columns:
-        raise ConfigError(f"{file}: no column of numbers")
+        raise ConfigError(f"{file}: there is no column of numbers")
     abscissa = table.find(x) if x is not None else table.columns[0]
     typer.echo("\n".join([table.account, *described(table)]))
     others = [c for c in table.columns if c.header != abscissa.header][:_DRAWN]
@@ -48,12 +48,11 @@ def show(
 
 
 def described(table: Table) -> list[str]:
-    """A line a column: unit, how many numbers, the first, the least and the largest."""
+    """A table of the columns: unit, count of numbers, first, smallest and largest value."""
     rows = [("column", "unit", "numbers", "first", "least", "largest")]
     for c in table.columns:
         values = c.values[np.isfinite(c.values)]
         numbers = (values[0], values.min(), values.max()) if len(values) else (np.nan,) * 3
         first, least, largest = (f"{v:.6g}" for v in numbers)
         rows.append((c.name, c.unit or "none", str(len(values)), first, least, largest))
-    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))]
-    return ["  ".join(f"{c:<{w}}" for c, w in zip(r, widths, strict=True)).rstrip() for r in rows]
+    return aligned(rows)

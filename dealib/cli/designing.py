@@ -1,4 +1,4 @@
-"""Commands that design devices. Each imports what it needs when it runs."""
+"""Commands that design devices; each imports its modules when it runs, so that help is quick."""
 
 from __future__ import annotations
 
@@ -7,8 +7,18 @@ from typing import Annotated
 
 import typer
 
-from dealib.cli import solving  # noqa: F401 - its commands come first
-from dealib.cli.root import FOLDER, CacheFolder, ConfigFile, Jobs, Ranks, Retry, Set, app
+from dealib.cli import solving  # noqa: F401 - help lists its commands first
+from dealib.cli.root import (
+    FOLDER,
+    CacheFolder,
+    ConfigFile,
+    Jobs,
+    Ranks,
+    Retry,
+    Set,
+    app,
+    load_on_ranks,
+)
 
 
 @app.command()
@@ -21,12 +31,15 @@ def sensitivity(
             "--quantity",
             metavar="EXPRESSION",
             help="a quantity, such as 'stroke(\"actuate\")' or force_N; repeat for more; default "
-            "what each port answers",
+            "the dual of each port's input, such as charge for voltage",
         ),
     ] = None,
     key: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEY", help="a number or a section; repeat for more; default all"),
+        typer.Option(
+            metavar="KEY",
+            help="a number of the config, or a section; repeat for more; default all",
+        ),
     ] = None,
     at: Annotated[
         str | None,
@@ -39,18 +52,12 @@ def sensitivity(
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier results")] = False,
     mpi: Ranks = 1,
 ) -> None:
-    """Sensitivities of results to each number of a config: d ln(quantity) / d ln(key).
+    """Compute sensitivities of results to the numbers of a config: d ln(quantity) / d ln(key).
 
     A quantity is an expression over the history, as in studies (configs/studies/REFERENCE.md). The
     numbers are moduli, permittivity, pre-stretch, thicknesses, radii, loads, voltages and so on.
     """
-    from dealib.config import load
-
-    case = load(config, set)
-    if mpi > 1:
-        from dealib.cli.mpi import launch
-
-        launch(mpi)
+    case = load_on_ranks(config, set, mpi)
     from dealib.cli.sensitivity import find_sensitivities
 
     find_sensitivities(case, of or [], key or [], at, out, overwrite)
@@ -65,10 +72,10 @@ def optimise(
     ] = None,
     jobs: Jobs = None,
 ) -> None:
-    """Find the best config within bounds and limits; of two objectives, the front between them.
+    """Find the best config within bounds and limits; for two objectives, their Pareto front.
 
-    It goes along gradients. The best design is one that was solved and is within every limit; exit
-    code 3 if there is none. The same command goes on with what was solved before.
+    The search uses gradients. The best design has been solved and is within every limit; exit code
+    3 if there is none. The same command continues an earlier search.
     """
     from dealib.cli.optimise import run_optimise
     from dealib.errors import ConfigError, did_you_mean
@@ -87,11 +94,11 @@ def uncertainty(
     ] = None,
     cache: CacheFolder = FOLDER,
     retry: Retry = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier ones")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier results")] = False,
 ) -> None:
-    """Intervals, Sobol indices and probabilities of a design whose numbers scatter.
+    """Compute quantiles, Sobol indices and probabilities of a design whose numbers scatter.
 
-    Cases solved before are not solved again. Errors are 95 % ones.
+    Cases solved before are not solved again. Errors are given with 95 % confidence.
     """
     from dealib.cli.uncertainty import find_uncertainty
 
@@ -105,25 +112,25 @@ def validate(
         typer.Argument(metavar="[BENCHMARK]...", help="names, files or folders; default all"),
     ] = None,
     kind: Annotated[
-        str | None, typer.Option(help="only those against: analytical, code or measured")
+        str | None, typer.Option(help="only references of a kind: analytical, code or measured")
     ] = None,
     against: Annotated[
         Path | None,
         typer.Option(
             metavar="CSV",
-            help="judge the numbers of another code instead (benchmark,quantity,value); nothing is "
-            "solved",
+            help="compare the numbers of another code instead (benchmark,quantity,value); nothing "
+            "is solved",
             readable=False,
         ),
     ] = None,
     jobs: Jobs = None,
-    out: Annotated[Path, typer.Option(help="folder of table and page")] = Path("runs/validation"),
+    out: Annotated[Path, typer.Option(help="folder of results")] = Path("runs/validation"),
     cache: CacheFolder = FOLDER,
     retry: Retry = False,
 ) -> None:
-    """Solve benchmarks with known numbers (configs/validation), and compare.
+    """Solve benchmarks (configs/validation) and compare them with known numbers.
 
-    Prints a table, and writes it as CSV, JSON and a page. Cases solved before are not solved again.
+    Prints a table, and writes it as CSV, JSON and HTML. Cases solved before are not solved again.
     Exit code 1: a number is outside its tolerance.
     """
     from dealib.cli.validate import run_validation

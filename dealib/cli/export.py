@@ -14,16 +14,16 @@ from dealib.tasks.solving import export_tables
 
 
 def export(case: Case, out: Path | None, *, fmu: bool, overwrite: bool, resume: bool) -> None:
-    """Write the tables of a case, and how well they know what lies between their nodes."""
+    """Write the tables of a case, and print an estimate of their interpolation error."""
     directory = out or Path(f"{case.config.directory}-tables")
     given = {"fmu": fmu, "overwrite": overwrite, "resume": resume}
     with explained(directory):
         tables = export_tables(case, directory, tell=typer.echo, **given, **watched())
-    typer.echo(_between(tables))
+    typer.echo(_interpolation_error(tables))
 
 
-def _between(tables: Tables) -> str:
-    """How well the tables know what lies between their nodes: against every other node alone."""
+def _interpolation_error(tables: Tables) -> str:
+    """Estimate of the error between the nodes, by comparison with every other node alone."""
     grids = list(tables.axes.values())
     if any(len(grid) < 5 or len(grid) % 2 == 0 for grid in grids):
         return "an odd number of points, at least 5, on each axis would show the error between them"
@@ -32,5 +32,6 @@ def _between(tables: Tables) -> str:
     errors = []
     for name, values in tables.duals.items():
         off = np.abs(coarse.dual(name, *nodes) - tables.dual(name, *nodes)).max()
-        errors.append(f"{name} {off / np.abs(values).max() / 8:.1e}")  # third order in the spacing
+        # the error is of third order, so that half the spacing has an eighth of it
+        errors.append(f"{name} {off / np.abs(values).max() / 8:.1e}")
     return f"estimated error between the nodes: {', '.join(errors)} of the largest"

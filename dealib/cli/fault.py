@@ -1,4 +1,4 @@
-"""What nobody foresaw: one message, and a file with all that a report of it needs."""
+"""Unexpected errors: a message, and a file with all that a bug report needs."""
 
 from __future__ import annotations
 
@@ -13,11 +13,14 @@ from dealib.versions import installed
 
 
 def told(error: Exception, arguments: Sequence[str]) -> str:
-    """The message; the traceback goes into the file, and into the message if all is to be shown.
+    """Write the traceback to a file; with -v it is part of the message too.
 
     Args:
-        error: What happened; its notes say what was being done.
+        error: The error; its notes tell what was being done.
         arguments: The command line.
+
+    Returns:
+        The message.
     """
     command = shlex.join(["dealib", *arguments])
     trace = "".join(traceback.format_exception(error))
@@ -25,7 +28,7 @@ def told(error: Exception, arguments: Sequence[str]) -> str:
     where = f"{platform.platform()}, Python {platform.python_version()}"
     facts = f"{command}\n{where}\n{versions}\n\n{trace}"
     summary = " ".join(f"{type(error).__name__}: {error}".split())[:300]
-    lines = [f"a fault of dealib's own in: {command}", f"    {summary}"]
+    lines = [f"a fault of dealib itself in: {command}", f"    {summary}"]
     lines += [f"    {note}" for note in getattr(error, "__notes__", ())]
     try:
         with tempfile.NamedTemporaryFile(
@@ -35,5 +38,5 @@ def told(error: Exception, arguments: Sequence[str]) -> str:
         lines.append(f"The traceback and the versions are in {file.name} (-v shows them here).")
     except OSError:
         lines.append(facts)
-    lines.append("Please report it: send that file, and the input if you may (see README, Help).")
+    lines.append("Please report it: send that file, and the input if possible (see README, Help).")
     return "\n".join([*lines, facts] if verbose() else lines)

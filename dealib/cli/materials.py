@@ -14,14 +14,14 @@ from dealib.tasks import measuring
 
 
 def list_laws() -> str:
-    """All laws with their parameters and what they mean, and all materials of the library."""
+    """All laws with the meaning of their parameters, and all materials of the library."""
     rows = []
     for name, law in LAWS.items():
         rows.append(f"{name}: {(law.__doc__ or '').splitlines()[0].partition(': ')[2]}")
         for parameter in law.names():
             rows.append(f"    {parameter:<16} {law.model_fields[parameter].description}")
-    rows.append("each also takes youngs_modulus in place of its moduli, by the thesis's rule;")
-    rows.append("moduli with their unit, such as '0.25 MPa'")
+    rows.append("Each law also takes youngs_modulus in place of its moduli, with nu = 0.49.")
+    rows.append("Moduli need a unit, such as '0.25 MPa'.")
     rows += ["", "Known materials, for library: NAME in a config:"]
     for name, entry in library().items():
         rows.append(f"{name}: {entry.description}")
@@ -31,7 +31,11 @@ def list_laws() -> str:
 
 
 def given_law(name: str, settings: list[str]) -> Law:
-    """A law, or a material's, with `key=value` parameters; a law's example if there are none.
+    """A law with parameters.
+
+    Args:
+        name: Name of a law or of a material.
+        settings: Parameters as `key=value`; none: those of the material, or the law's example.
 
     Raises:
         ConfigError: If the law or a parameter is unknown or wrong.
@@ -61,10 +65,10 @@ def law_of_config(path: Path, region: str) -> tuple[str, Law]:
 
 
 def plot_law(law: Law, name: str, largest: float, out: Path, dark: bool, overwrite: bool) -> None:
-    """Draw a law and print where it stops being stable.
+    """Draw a law and print the largest stretch at which it is stable.
 
     Raises:
-        ConfigError: If the picture cannot be written there.
+        ConfigError: If the picture exists already or its name has another suffix.
     """
     from dealib.materials.response import MODES, locking_stretch, stability_limit
     from dealib.plots.materials import draw_law

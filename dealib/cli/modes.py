@@ -30,7 +30,7 @@ def find_modes(
     out: Path | None,
     overwrite: bool,
 ) -> None:
-    """Find the modes of a case, draw them, and print where they are (see `tasks.solving.modes`)."""
+    """Compute the modes of a case, draw them and print them (see `tasks.solving.modes`)."""
     directory = out or Path(f"{case.config.directory}-modes")
     with explained(directory):
         run = modes(case, stages, along, count, directory, overwrite=overwrite, **watched())
@@ -41,7 +41,7 @@ def find_modes(
 
 
 def _draw(run: Run, along: str | None) -> list[Path]:
-    """Pictures of the shapes of each state and of the curve, as far as the machine can."""
+    """Draw the frequencies, and the shapes of each state if the machine can draw in 3-D."""
     from dealib.plots import modes, style
 
     found = []

@@ -17,26 +17,26 @@ import psutil
 from dealib.cli.launched import ALONE
 from dealib.errors import PlatformError
 
-# Open MPI refuses to run as root unless told twice, and to run more ranks than there are cores
-# (named differently in its versions 4 and 5); other MPIs ignore these.
+# Open MPI refuses to run as root without both of the first two, and to run more ranks than there
+# are cores without the next two (for its versions 4 and 5); other MPIs ignore these variables.
 _OPEN_MPI = {
     "OMPI_ALLOW_RUN_AS_ROOT": "1",
     "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
     "OMPI_MCA_rmaps_base_oversubscribe": "1",
     "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
-    # waiting ranks let others work: on a busy machine a run took 69 s instead of 243 s
+    # waiting ranks give way to others: on a busy machine a run took 69 s instead of 243 s
     "OMPI_MCA_mpi_yield_when_idle": "1",
-    "OMPI_MCA_orte_execute_quiet": "1",  # dealib says itself why it ends
+    "OMPI_MCA_orte_execute_quiet": "1",  # dealib prints its own message when it ends
 }
-# What Open MPI leaves to the children of a Python that has started it, such as a notebook's.
+# variables that a Python process with a running Open MPI, such as a notebook, passes to children
 _LEFT_BEHIND = ("PMIX_", "PMI_", "ORTE_", "OMPI_MCA_ess", "OMPI_MCA_orte", "OMPI_MCA_pmix")
 
 
 def launch(ranks: int) -> NoReturn:
-    """Run the same command line without its `--mpi` under mpirun, and exit as it does.
+    """Run the same command line without `--mpi` under mpirun, and exit with its exit code.
 
-    mpirun answers SIGINT and SIGTERM by killing its ranks within seconds. So the ranks get the
-    first one straight from here, and finish their step; mpirun gets the second.
+    mpirun answers SIGINT and SIGTERM by killing its ranks within seconds. Therefore the first
+    signal goes directly to the ranks, which finish their step; the second one goes to mpirun.
     """
     arguments = without_option(sys.argv[1:], "--mpi")
     program = mpirun()
@@ -54,7 +54,7 @@ def launch(ranks: int) -> NoReturn:
                 rank.send_signal(number)
         if number == signal.SIGUSR1:
             return
-        if not ranks:  # none yet, or it is the second time
+        if not ranks:  # no rank has started yet, or this is the second signal
             job.send_signal(signal.SIGTERM)
         stop.append(number)
 
@@ -69,17 +69,17 @@ def _ranks(mpirun: int) -> list[psutil.Process]:
     found = []
     with suppress(psutil.NoSuchProcess):
         for process in psutil.Process(mpirun).children(recursive=True):
-            with suppress(psutil.NoSuchProcess):  # it has ended meanwhile
+            with suppress(psutil.NoSuchProcess):  # the process may have ended
                 if process.cmdline()[1:3] == ["-m", "dealib"]:
                     found.append(process)
     return found
 
 
 def environment() -> dict[str, str]:
-    """Environment in which mpirun starts whatever this process is."""
+    """Environment variables with which mpirun starts, also from a process that uses MPI."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith(_LEFT_BEHIND)}
     kept = {k: v for k, v in kept.items() if ALONE.get(k) != v}
-    if not sys.stdout.isatty():  # mpirun gives its ranks a terminal of its own
+    if not sys.stdout.isatty():  # mpirun gives its ranks a pseudo-terminal
         kept["TTY_COMPATIBLE"] = "0"
     return kept | _OPEN_MPI
 
@@ -90,7 +90,7 @@ def mpirun() -> str:
     Raises:
         PlatformError: If there is none.
     """
-    beside = Path(sys.executable).with_name("mpirun")  # MPI installed by pip, else the system's
+    beside = Path(sys.executable).with_name("mpirun")  # of an MPI that pip has installed
     found = str(beside) if beside.exists() else shutil.which("mpirun")
     if found is None:
         raise PlatformError("--mpi needs mpirun (Debian: apt install openmpi-bin)")

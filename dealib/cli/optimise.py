@@ -13,7 +13,7 @@ from dealib.errors import NotConverged
 from dealib.results import spectra
 from dealib.units import counted, neat
 
-_AT = 1e-6  # of the range: nearer to a bound a number is at it
+_AT_BOUND = 1e-6  # distance from a bound, as a share of the range, at which a variable is at it
 
 
 def run_optimise(path: Path, out: Path | None, model: str | None, jobs: int | None) -> None:
@@ -21,7 +21,7 @@ def run_optimise(path: Path, out: Path | None, model: str | None, jobs: int | No
 
     Raises:
         ConfigError: If the file is wrong.
-        NotConverged: If no design is allowed.
+        NotConverged: If no design is within the limits.
         Interrupted: With what is kept.
     """
     found = optimise(path, out, model, jobs, typer.echo)
@@ -32,13 +32,13 @@ def run_optimise(path: Path, out: Path | None, model: str | None, jobs: int | No
 
 
 def told(found: Optimum) -> Iterator[str]:
-    """The best design, or the nearest: objectives, variables, limits."""
+    """Objectives, variables and limits of the best design; without one, of the nearest."""
     counts = f"{counted(len(found.designs), 'design')}, {found.solved} of them solved now"
     one = found.best or found.nearest
     if one is None:
         yield counts
         return
-    head = "the best design" if found.best else "the nearest design, which is not allowed"
+    head = "the best design" if found.best else "the nearest design, which is beyond a limit"
     if found.front:
         head = f"the knee of a front of {counted(len(found.front), 'design')}"
     yield f"{head} ({one.model}; {counts}):"
@@ -60,13 +60,13 @@ def _value(found: Optimum, one: Evaluated, name: str) -> str:
     if isinstance(value, str):
         return f"{value:>12}"
     low, high = variable.range
-    edge = _AT * (high - low)
+    edge = _AT_BOUND * (high - low)
     at = "at min" if value - low < edge else "at max" if high - value < edge else ""
     return f"{value:>12.6g} {variable.unit:<6}  {at}".rstrip()
 
 
 def _none(found: Optimum) -> str:
-    """Why there is no best design."""
+    """The message if there is no best design."""
     if found.nearest is None:
         errors = {str(row["error"]).splitlines()[0] for row in found.designs if row["error"]}
         return f"{found.plan.path}: no design converges: {'; '.join(sorted(errors)[:3])}"
@@ -78,7 +78,7 @@ def _none(found: Optimum) -> str:
 
 
 def _draw(found: Optimum) -> list[Path]:
-    """Draw the pictures; all files."""
+    """Draw the pictures; returns all files of the results."""
     from dealib.plots import design, style
 
     folder, title = found.directory, found.plan.design.description or found.plan.name

@@ -19,17 +19,17 @@ from dealib.units import neat
 
 
 def find_response(case: Case, out: Path | None, **given: Any) -> None:
-    """Find a spectrum, draw it and print its peaks and circuit (see `tasks.solving.respond`)."""
+    """Compute a spectrum, draw it, print its peaks and circuit (see `tasks.solving.respond`)."""
     directory = out or Path(f"{case.config.directory}-response")
     with explained(directory):
         run = respond(case, directory=directory, **given, **watched())
     if MPI.COMM_WORLD.rank == 0:
         path = directory / spectra.RESPONSE
-        typer.echo("\n".join([*_look_at(run, path), str(path)]))
+        typer.echo("\n".join([*_draw(run, path), str(path)]))
 
 
-def _look_at(run: Run, path: Path) -> list[str]:
-    """Draw the pictures; what to tell, and the files."""
+def _draw(run: Run, path: Path) -> list[str]:
+    """Draw the pictures; returns the lines to print, with the files."""
     from dealib.plots import response, style
 
     table = spectra.read(path)
@@ -43,7 +43,7 @@ def _look_at(run: Run, path: Path) -> list[str]:
 
 
 def told_circuit(found: circuit.Circuit) -> list[str]:
-    """The circuit, a line a part."""
+    """One line for each part of the equivalent circuit, with its 95 % interval."""
     lines = [f"equivalent circuit, off by {100 * found.misfit:.2g} % on average:"]
     for v in found.values:
         between = "not determined" if v.low != v.low else f"{v.low:.5g} .. {v.high:.5g}"
@@ -52,7 +52,7 @@ def told_circuit(found: circuit.Circuit) -> list[str]:
 
 
 def told_peaks(table: Any) -> list[str]:
-    """Where displacements are largest, a line each."""
+    """One line for each displacement: its largest amplitude and the frequency of it."""
     lines = []
     for name in (n for n in map(str, table) if "_mm_per_kV" in n):
         k = int(table[name].argmax())

@@ -1,15 +1,18 @@
-"""The command line's root, and types of arguments that commands share."""
+"""The root of the command line, and types of arguments that commands share."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from dealib.cli.launched import rank
 from dealib.errors import on_command_line
 from dealib.log import to_terminal
+
+if TYPE_CHECKING:
+    from dealib.config import Case
 
 app = typer.Typer(
     name="dealib",
@@ -49,6 +52,22 @@ def _before_each(
     to_terminal(verbose, rank() == 0)
 
 
+def load_on_ranks(config: Path, set: list[str] | None, ranks: int) -> Case:
+    """Load a config; for several ranks, start the command again under mpirun instead.
+
+    Raises:
+        ConfigError: If the config is wrong.
+    """
+    from dealib.config import load
+
+    case = load(config, set)
+    if ranks > 1:
+        from dealib.cli.mpi import launch
+
+        launch(ranks)
+    return case
+
+
 ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML file", readable=False)]
 RunDirectory = Annotated[Path, typer.Argument(metavar="RUN", help="run directory", readable=False)]
 Set = Annotated[
@@ -57,14 +76,14 @@ Set = Annotated[
 ]
 Ranks = Annotated[int, typer.Option("--mpi", min=1, help="number of MPI ranks")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="replace the file given by --out")]
-Port = Annotated[int, typer.Option(min=0, max=65535, help="of 127.0.0.1; default a free one")]
+Port = Annotated[int, typer.Option(min=0, max=65535, help="port of 127.0.0.1; default a free one")]
 Browser = Annotated[bool, typer.Option(help="open the page in the browser")]
 Dark = Annotated[bool, typer.Option("--dark", help="on a dark background")]
 Step = Annotated[
     int | None,
     typer.Option(
         metavar="N",
-        help="step of history.csv, or -1: the last stored one; default: largest voltage",
+        help="step of history.csv; -1: the last stored one; default: that of the largest voltage",
     ),
 ]
 StudyFile = Annotated[Path, typer.Argument(metavar="STUDY", help="YAML file, or a folder of them")]
@@ -74,4 +93,4 @@ CacheFolder = Annotated[Path, typer.Option(help="folder of solved cases")]
 Jobs = Annotated[
     int | None, typer.Option("-j", "--jobs", min=1, help="processes; default all cores")
 ]
-Retry = Annotated[bool, typer.Option("--retry", help="solve again what did not converge")]
+Retry = Annotated[bool, typer.Option("--retry", help="solve cases again that did not converge")]

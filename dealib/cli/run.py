@@ -37,7 +37,7 @@ def run_case(
     dry_run: bool,
     beside: Beside | None = None,
 ) -> None:
-    """Run a case and print where its results are."""
+    """Run a case, or mesh it only if `dry_run`; print a summary with the run directory."""
     comm = MPI.COMM_WORLD
     exclude(overwrite, resume)
     directory = Path(out or case.config.directory)
@@ -60,24 +60,23 @@ def run_case(
 
 
 def loud(verdict: str, text: str) -> str:
-    """In colour, which leaves the text where the output is no terminal."""
+    """A verdict in colour; `typer.echo` removes the colour if the output is not a terminal."""
     return typer.style(text, fg=_COLOURS[verdict], bold=True)
 
 
 def watched() -> dict[str, Any]:
-    """Options of `simulate` with which it shows how it goes on."""
-    # the whole log has the steps
-    shows = MPI.COMM_WORLD.rank == 0 and not verbose()
+    """Options of `simulate` that show its progress."""
+    shows = MPI.COMM_WORLD.rank == 0 and not verbose()  # the verbose log has the steps itself
     return {"observers": [Progress()] if shows else [], "started": STARTED}
 
 
 @contextmanager
 def explained(directory: Path) -> Iterator[None]:
-    """Say what is kept of a run that ends before its end.
+    """Add to the error of a run that ends early what is kept.
 
     Raises:
-        NotConverged: With where the converged steps are.
-        Interrupted: With how to go on.
+        NotConverged: With the directory of the converged steps.
+        Interrupted: With the command that continues the run.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""`dealib schema` and `dealib init`: the schema for editors and people, and templates."""
+"""`dealib schema` and `dealib init`: JSON schemas, reference pages and templates."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def write_schema(out: Path | None, *, of: str, page: bool, overwrite: bool) -> N
     """Print or write the JSON schema, or the reference page, of one kind of file.
 
     Raises:
-        ConfigError: If there is no such kind, the file exists or its folder does not.
+        ConfigError: If there is no such kind, the file exists already or its folder is missing.
     """
     text = reference(of) if page else schema_text(of)
     if out is None:
@@ -27,10 +27,10 @@ def write_schema(out: Path | None, *, of: str, page: bool, overwrite: bool) -> N
 
 
 def write_template(name: str, out: Path | None) -> None:
-    """Write a commented config, and the schema for the editor beside it if it is not there.
+    """Write a commented config; if its folder has no schema for editors, write that too.
 
     Raises:
-        ConfigError: If there is no such template, or the file exists.
+        ConfigError: If there is no such template, or the file exists already.
     """
     text, path = template(name), out or Path(f"{name}.yaml")
     _write(path, text, overwrite=False)

@@ -1,4 +1,4 @@
-"""`dealib sense`: the capacitance over displacement and voltage of some runs, and back from it."""
+"""`dealib sense`: capacitance over displacement and voltage, and displacement from it."""
 
 from __future__ import annotations
 
@@ -16,17 +16,20 @@ from dealib.tasks.pictures import as_runs, default
 def sense(
     directories: Sequence[Path], at: str | None, out: Path | None, dark: bool, overwrite: bool
 ) -> str:
-    """Draw the map and say how well it goes back; returns the text.
+    """Draw the map of the capacitance and tabulate the error of displacements found from it.
 
     Args:
         directories: Runs with sweeps of the displacement at constant voltages.
-        at: 'PF,KV': a capacitance and a voltage to turn into a displacement.
-        out: Picture; default in the first run's plots.
-        dark: In the dark theme.
+        at: 'PF,KV': a capacitance (pF) and a voltage (kV) to turn into a displacement.
+        out: Picture; default in `plots` of the first run.
+        dark: On a dark background.
         overwrite: Replace the picture.
 
+    Returns:
+        The text to print.
+
     Raises:
-        ConfigError: If the runs hold no map or not the same device, or `at` is none of its states.
+        ConfigError: If the runs give no map or differ in their device, or `at` is not on the map.
     """
     from dealib.plots import style
     from dealib.plots.sensing import draw
@@ -56,7 +59,7 @@ def _displacement(found: CapacitanceMap, at: str) -> float:
 
 def _table(found: CapacitanceMap) -> list[str]:
     lines = [f"{found.low:.4g} .. {found.high:.4g} mm", ""]
-    lines.append(f"{'kV':>8} {'pF':>20} {'pF/mm':>20} {'error back, um':>16}")
+    lines.append(f"{'kV':>8} {'pF':>20} {'pF/mm':>20} {'error, um':>16}")
     ends = np.array([found.low, found.high])
     for sweep, (_, error) in zip(found.sweeps, found.errors(), strict=True):
         C, slope = sweep.at(ends), sweep.sensitivity(ends)
@@ -68,12 +71,14 @@ def _table(found: CapacitanceMap) -> list[str]:
 
 
 def _notes(found: CapacitanceMap) -> list[str]:
-    """Which voltages are not on the map, and whether the way back is not unique."""
+    """Notes about voltages that are not on the map, and about an ambiguous capacitance."""
     notes, V = [], found.left_out
     if V:
         all_of_them = ", ".join(f"{v:.4g}" for v in V)
         what = f"{len(V)} voltages from {V[0]:.4g} to {V[-1]:.4g}" if len(V) > 6 else all_of_them
         notes.append(f"not on the map, with too few displacements: {what} kV")
     if found.turns:
-        notes.append("not unique: the capacitance turns; --at gives the lowest displacement")
+        notes.append(
+            "not unique: the capacitance has an extremum; --at gives the lowest displacement"
+        )
     return notes

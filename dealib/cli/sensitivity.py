@@ -1,4 +1,4 @@
-"""`dealib sensitivity`: how results follow the numbers of a config."""
+"""`dealib sensitivity`: derivatives of results by the numbers of a config."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import typer
 
 from dealib.config.case import Case
 from dealib.design.sensitivity import Found, find
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, in_the_way
 from dealib.files import guarded
 from dealib.results import spectra
 from dealib.units import neat
@@ -25,17 +25,17 @@ def find_sensitivities(
     out: Path | None,
     overwrite: bool,
 ) -> None:
-    """Find the sensitivities of a config, write and draw them, and print them.
+    """Compute the sensitivities of a config; write, draw and print them.
 
     Raises:
-        ConfigError: If an option is wrong, the program is of another kind, or the file exists.
+        ConfigError: If an option is wrong, the program is not suited, or the file exists already.
         NotConverged: If a step failed.
     """
     comm = MPI.COMM_WORLD
     directory = out or Path(f"{case.config.directory}-sensitivity")
     path = directory / spectra.SENSITIVITY
     if path.exists() and not overwrite:
-        raise ConfigError(f"{path} exists; choose another --out, or --overwrite it")
+        raise ConfigError(in_the_way(path))
     found = find(case, of, key, at, comm)
     if comm.rank > 0:
         return
@@ -56,7 +56,7 @@ def _draw(path: Path, case: Case) -> Path:
 
 
 def told(found: Found) -> Iterator[str]:
-    """A table of each quantity, the largest first."""
+    """A table for each quantity, with the largest sensitivity first."""
     width = max([3, *(len(row["key"]) for row in found.rows)])
     for name, value in found.values.items():
         rows = [row for row in found.rows if row["quantity"] == name and row["derivative"]]

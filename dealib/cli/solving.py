@@ -1,4 +1,4 @@
-"""Commands that take configs. Each imports what it needs when it runs: light ones stay light."""
+"""Commands that take configs; each imports its modules when it runs, so that help is quick."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from dealib.cli.root import (
     StudyFile,
     StudyOut,
     app,
+    load_on_ranks,
 )
 
 
@@ -29,30 +30,24 @@ def run(
     set: Set = None,
     out: Annotated[Path | None, typer.Option(help="run directory; default the config's")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an existing run")] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="go on with an unfinished run")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="continue an unfinished run")] = False,
     dry_run: Annotated[
-        bool, typer.Option("--dry-run", help="mesh and compile, print what would be solved")
+        bool, typer.Option("--dry-run", help="mesh and compile only, print the size of the run")
     ] = False,
     mpi: Ranks = 1,
 ) -> None:
     """Solve a config into a run directory; -v also shows increments and Newton residuals."""
-    from dealib.config import load
-
-    case = load(config, set)
-    if mpi > 1:
-        from dealib.cli.mpi import launch
-
-        launch(mpi)
+    case = load_on_ranks(config, set, mpi)
     from dealib.results.beside import Beside
 
     with ExitStack() as stack:
-        # before dolfinx is imported, so that it is ready with the first state
+        # started before the import of dolfinx, to be ready at the first state
         beside = stack.enter_context(Beside()) if Beside.useful() and not dry_run else None
-        gc.disable()  # modules come to stay: to look for garbage among them takes 0.1 s
+        gc.disable()  # imported modules stay: collecting among them takes 0.1 s
         from dealib.cli.run import run_case
 
         gc.freeze()
-        gc.set_threshold(20_000)  # a run makes hardly any
+        gc.set_threshold(20_000)  # a run makes little garbage
         gc.enable()
         run_case(case, out, overwrite=overwrite, resume=resume, dry_run=dry_run, beside=beside)
 
@@ -60,35 +55,28 @@ def run(
 @app.command()
 def modes(
     config: ConfigFile,
-    count: Annotated[int, typer.Option(min=1, max=50, help="how many modes, from the lowest")] = 8,
+    count: Annotated[int, typer.Option(min=1, max=50, help="number of modes")] = 8,
     at: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="STAGE", help="stage at whose end modes are found; repeatable; default last"
-        ),
+        typer.Option(metavar="STAGE", help="stage at whose end; repeat for more; default the last"),
     ] = None,
     along: Annotated[
         str | None,
-        typer.Option(metavar="STAGE", help="also the frequencies over this stage"),
+        typer.Option(metavar="STAGE", help="also compute frequencies at each state of this stage"),
     ] = None,
     set: Set = None,
     out: Annotated[Path | None, typer.Option(help="directory; default RUN-modes")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier results")] = False,
     mpi: Ranks = 1,
 ) -> None:
-    """Find natural frequencies and mode shapes about the states at the ends of stages.
+    """Compute natural frequencies and mode shapes about the states at the ends of stages.
 
-    Ports that are driven by their value are held; loaded ones are free, with what hangs on them;
-    terminals with a given charge are open. A mode that grows has a negative frequency: minus its
-    growth rate over 2 pi. `dealib animate RUN-modes --field mode2` lets a mode swing.
+    A port with a prescribed displacement, voltage or pressure is held at it; a port under a load is
+    free and moves with its mass; a terminal with a prescribed charge is open. A mode that grows has
+    a negative frequency: minus its growth rate over 2 pi. `dealib animate RUN-modes --field mode2`
+    animates a mode.
     """
-    from dealib.config import load
-
-    case = load(config, set)
-    if mpi > 1:
-        from dealib.cli.mpi import launch
-
-        launch(mpi)
+    case = load_on_ranks(config, set, mpi)
     from dealib.cli.modes import find_modes
 
     find_modes(case, at or [], along, count, out, overwrite)
@@ -100,39 +88,33 @@ def respond(
     low: Annotated[str, typer.Option("--from", metavar="FREQUENCY", help="such as 1 Hz")],
     high: Annotated[str, typer.Option("--to", metavar="FREQUENCY", help="such as 1 kHz")],
     points: Annotated[
-        int, typer.Option(min=2, max=10_000, help="frequencies, at equal ratios")
+        int, typer.Option(min=2, max=10_000, help="number of frequencies, logarithmically spaced")
     ] = 100,
-    refine: Annotated[bool, typer.Option(help="add points where it changes quickly")] = True,
+    refine: Annotated[bool, typer.Option(help="add points where the response varies")] = True,
     of: Annotated[
         str | None, typer.Option(metavar="TERMINAL", help="the driven terminal; default the first")
     ] = None,
     at: Annotated[
-        str | None, typer.Option(metavar="STAGE", help="stage whose end is taken; default the last")
+        str | None, typer.Option(metavar="STAGE", help="stage at whose end; default the last")
     ] = None,
-    series_resistance: Annotated[str, typer.Option(metavar="R", help="in the driver")] = "0 ohm",
-    series_inductance: Annotated[str, typer.Option(metavar="L", help="in the driver")] = "0 H",
+    series_resistance: Annotated[str, typer.Option(metavar="R", help="of the driver")] = "0 ohm",
+    series_inductance: Annotated[str, typer.Option(metavar="L", help="of the driver")] = "0 H",
     sound_at: Annotated[
         str | None,
-        typer.Option(metavar="DISTANCE", help="also its sound, this far away on the axis"),
+        typer.Option(metavar="DISTANCE", help="also compute the sound at a distance on the axis"),
     ] = None,
     set: Set = None,
     out: Annotated[Path | None, typer.Option(help="directory; default RUN-response")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier results")] = False,
     mpi: Ranks = 1,
 ) -> None:
-    """Find the small-signal spectrum of displacement, force, charge, current and impedance.
+    """Compute the small-signal spectrum of displacement, force, charge, current and impedance.
 
-    A small voltage is added to that of a terminal; the other ports stay driven as they are. Maxwell
-    branches have relaxed before. With sensing.sheet_resistance the electrodes conduct along
-    themselves, from sensing.contact on. An equivalent circuit is fitted to the impedance.
+    A small alternating voltage is added at a terminal; the inputs of the other ports are constant.
+    Maxwell branches are relaxed at the state. With sensing.sheet_resistance the electrodes have a
+    resistance, and are contacted at sensing.contact. An equivalent circuit is fitted.
     """
-    from dealib.config import load
-
-    case = load(config, set)
-    if mpi > 1:
-        from dealib.cli.mpi import launch
-
-        launch(mpi)
+    case = load_on_ranks(config, set, mpi)
     from dealib.cli.respond import find_response
 
     find_response(
@@ -144,14 +126,14 @@ def respond(
 
 @app.command()
 def check(config: ConfigFile, set: Set = None) -> None:
-    """Validate a config and estimate its size, or a design; nothing is solved or written."""
+    """Validate a config, with an estimate of its size, or a design; nothing is solved."""
     from dealib.config import load
     from dealib.config.size import refuse_full_disk, size
     from dealib.config.source import Source
 
     if not set and "variables" in Source(config).tree:
         from dealib.design.goals import goals
-        from dealib.design.schema import Plan
+        from dealib.design.plan import Plan
 
         plan = Plan(config)
         if plan.design.maximise or plan.design.minimise:
@@ -184,7 +166,7 @@ def init(
 def schema(
     out: Annotated[Path | None, typer.Option(help="file; default: print")] = None,
     reference: Annotated[
-        bool, typer.Option("--reference", help="page of all keys, or columns")
+        bool, typer.Option("--reference", help="page of all keys, or of all columns")
     ] = False,
     of: Annotated[
         str, typer.Option(help="config, study, fit, coupon, design, benchmark or history")
@@ -193,7 +175,7 @@ def schema(
 ) -> None:
     """Print the JSON schema of one kind of file, for editors, or a page of all its keys.
 
-    Of the history: a page of all columns, with --reference.
+    For history, --reference gives a page of all columns; there is no schema.
     """
     from dealib.cli.schema import write_schema
 
@@ -227,14 +209,14 @@ def export(
     set: Set = None,
     out: Annotated[Path | None, typer.Option(help="directory; default RUN-tables")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace earlier tables")] = False,
-    resume: Annotated[bool, typer.Option("--resume", help="go on with unfinished tables")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="continue unfinished tables")] = False,
     fmu: Annotated[
         bool, typer.Option("--fmu", help="also write DIRECTORY/NAME.fmu (needs a C compiler)")
     ] = False,
 ) -> None:
     """Write tables F(u, V), Q(u, V), C(u, V) for system simulation: CSV, HDF5, MAT, FMU.
 
-    The config's `tables` gives the grid. dealib.tables(DIRECTORY) reads them back in Python, with
+    `tables` of the config gives the grid. dealib.tables(DIRECTORY) reads the tables in Python, with
     an interpolant whose force and charge come from one energy. An FMU (FMI 2.0, co-simulation,
     Linux x86-64, with its C source) is that interpolant with Maxwell branches and a mass.
     """
@@ -250,7 +232,7 @@ def calibrate(
     out: Annotated[Path | None, typer.Option(help="directory; default the fit's")] = None,
     jobs: Jobs = None,
     cache: CacheFolder = FOLDER,
-    resume: Annotated[bool, typer.Option("--resume", help="go on with an earlier fit")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="continue an earlier fit")] = False,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an earlier fit")] = False,
 ) -> None:
     """Fit parameters of a config to measured curves, or a material to coupon tests.
@@ -270,7 +252,7 @@ def study(
     cache: CacheFolder = FOLDER,
     retry: Retry = False,
 ) -> None:
-    """Solve the missing cases of a study, draw and compare them, and write a gallery."""
+    """Solve the missing cases of a study, draw and compare all, and write a gallery."""
     from dealib.cli.study import run_study
 
     run_study(study, out, cache, jobs, retry)
@@ -285,9 +267,9 @@ def sweep(
     retry: Retry = False,
     mpi: Annotated[int, typer.Option(min=1, help="MPI ranks instead of processes")] = 1,
 ) -> None:
-    """Solve all cases of a study, also after failures, with a growing summary.csv.
+    """Solve all cases of a study, also after failures; each that ends is added to summary.csv.
 
-    Under mpirun, for several machines, its ranks are the workers.
+    Under mpirun, also on several machines, the ranks solve the cases.
     """
     if mpi > 1:
         from dealib.cli.mpi import launch

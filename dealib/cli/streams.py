@@ -1,4 +1,4 @@
-"""Standard streams that are closed or full: no command stops in the middle of its work for them."""
+"""Standard streams that are closed or full; commands finish their work all the same."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 
 
 class _Patient:
-    """A stream that goes nowhere once it cannot be written any more.
+    """A stream that discards its output after the first error of writing.
 
     Attributes:
-        lost: What happened then.
+        lost: That error; None: all was written.
     """
 
     def __init__(self, stream: Any) -> None:
@@ -40,11 +40,11 @@ class _Patient:
 
 
 def guard() -> None:
-    """Take care of the standard streams, before anything is opened or printed."""
+    """Protect the standard streams; call it before anything is opened or printed."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         try:
             os.fstat(number)
-        except OSError:  # closed: the next file would get its number, and all that is printed
+        except OSError:  # closed: the next file would get its number, and what is printed
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
             setattr(sys, name, os.fdopen(number, "w" if number else "r", closefd=False))
         stream = getattr(sys, name)
@@ -55,9 +55,14 @@ def guard() -> None:
 
 
 def flushed(code: int) -> int:
-    """The exit code, after what is left to print; 4 if some of it is lost.
+    """Flush standard output.
 
-    A reader that has had enough, such as `head`, is none of our concern.
+    Args:
+        code: The exit code so far.
+
+    Returns:
+        The exit code; 4 instead of 0 if output was lost. A reader that closes the pipe early, such
+        as `head`, is no error.
     """
     sys.stdout.flush()
     lost = getattr(sys.stdout, "lost", None)

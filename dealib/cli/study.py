@@ -1,4 +1,4 @@
-"""`dealib study` and `dealib sweep`."""
+"""`dealib study` and `dealib sweep`: solve the cases of studies."""
 
 from __future__ import annotations
 
@@ -15,21 +15,17 @@ from dealib.study import sweep
 from dealib.study.plan import Plan
 from dealib.study.sweep import CaseStatus
 from dealib.tasks.jobs import watcher
-from dealib.tasks.studies import made, read, report, solve
+from dealib.tasks.studies import made, read, results, solve
 
 
 def run_study(path: Path, out: Path | None, cache: Path, jobs: int | None, retry: bool) -> None:
     """Solve, collect, draw and compare one study or a folder of them."""
-    plans, store = read(path, typer.echo), Cache(cache)
-    folder = made(out, path, plans)
-    failed = solve(plans, store, jobs, retry, typer.echo, watcher)
-    stands = [sweep.statuses(p, store, failed) for p in plans]
-    found = report(plans, stands, store, folder, path, typer.echo)
-    _explain(stands, [fault for results in found for fault in results.faults])
+    states, found = results(path, out, jobs, Cache(cache), retry, typer.echo, watcher)
+    _explain(states, [fault for one in found for fault in one.faults])
 
 
 def run_sweep(path: Path, out: Path | None, cache: Path, jobs: int | None, retry: bool) -> None:
-    """Solve the cases of a study (or several), with a summary that grows as they end."""
+    """Solve the cases of one or several studies; each case that ends is added to summary.csv."""
     plans, store = read(path, typer.echo), Cache(cache)
     folder = made(out, path, plans)
     if int(os.environ.get("OMPI_COMM_WORLD_SIZE", os.environ.get("PMI_SIZE", "1"))) == 1:
@@ -38,10 +34,10 @@ def run_sweep(path: Path, out: Path | None, cache: Path, jobs: int | None, retry
     from mpi4py import MPI
     from mpi4py.futures import MPICommExecutor
 
-    import dealib.fem.compat  # noqa: F401 - PETSc starts on all ranks together
+    import dealib.fem.compat  # noqa: F401 - PETSc has to start on all ranks together
 
     code = 0
-    with MPICommExecutor(MPI.COMM_WORLD, root=0) as executor:  # rank 0 hands out the jobs
+    with MPICommExecutor(MPI.COMM_WORLD, root=0) as executor:  # rank 0 distributes the cases
         if executor is not None:
             try:
                 _sweep(plans, folder, store, None, retry, executor)
@@ -67,20 +63,20 @@ def _sweep(
         failed = solve(plans, store, jobs, retry, typer.echo, watcher, executor, summary)
     finally:
         summary.write()
-    stands = [sweep.statuses(p, store, failed) for p in plans]
+    states = [sweep.statuses(p, store, failed) for p in plans]
     typer.echo(f"{summary.path}: {len(summary.rows)} cases")
-    results = [Results(p, store, s) for p, s in zip(plans, stands, strict=True)]
-    _explain(stands, [fault for found in results for fault in found.faults])
+    found = [Results(p, store, s) for p, s in zip(plans, states, strict=True)]
+    _explain(states, [fault for one in found for fault in one.faults])
 
 
-def _explain(stands: Sequence[Sequence[CaseStatus]], faults: list[str]) -> None:
-    """Say which cases have failed, and which numbers are none.
+def _explain(states: Sequence[Sequence[CaseStatus]], faults: list[str]) -> None:
+    """Report failed cases, and quantities that could not be computed.
 
     Raises:
-        NotConverged: If a case has failed.
-        ConfigError: If a number is none.
+        NotConverged: If a case failed.
+        ConfigError: If a quantity could not be computed.
     """
-    every = [s for stand in stands for s in stand]
+    every = [s for of_a_study in states for s in of_a_study]
     failed = [s for s in every if s.status != DONE]
     if failed:
         lines = [f"  {s.case.label}: {s.status}: {s.error}" for s in failed]

@@ -1,4 +1,4 @@
-"""`dealib uncertainty`: what is known of the results of a config whose numbers scatter."""
+"""`dealib uncertainty`: scatter of results from scatter of the numbers of a config."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ import typer
 
 from dealib.cases.job import Ended, Job
 from dealib.cases.workers import Pool, cores
+from dealib.design.plan import Plan
 from dealib.design.propagation import TRUSTED, Probability
-from dealib.design.schema import Plan
 from dealib.design.uncertainty import Tables, find
-from dealib.errors import ConfigError, Interrupted
+from dealib.errors import ConfigError, Interrupted, in_the_way
 from dealib.files import guarded
 from dealib.results import spectra
 from dealib.tasks.jobs import watcher
 from dealib.units import counted, neat
 
-_SHOWN = 3  # samples without a result whose reason is told
+_SHOWN = 3  # failed samples whose error is printed
 
 
 def find_uncertainty(
     path: Path, out: Path | None, cache: Path, jobs: int | None, retry: bool, overwrite: bool
 ) -> None:
-    """Solve the samples of a design; write, draw and print what is known of its quantities.
+    """Solve the samples of a design; write, draw and print the scatter of its quantities.
 
     Raises:
-        ConfigError: If the design is wrong, or its results exist.
+        ConfigError: If the design is wrong, or its results exist already.
         NotConverged: If too few samples have a result.
-        Interrupted: With how to go on.
+        Interrupted: With how to continue.
     """
     from dealib.plots import style, uncertainty
 
@@ -38,7 +38,7 @@ def find_uncertainty(
     directory = out or Path(given or f"runs/{plan.name}-uncertainty")
     summary = directory / spectra.SUMMARY
     if summary.exists() and not overwrite:
-        raise ConfigError(f"{summary} exists; choose another --out, or --overwrite it")
+        raise ConfigError(in_the_way(summary))
 
     def solve(missing: Sequence[Job]) -> Iterator[Ended]:
         typer.echo(f"{plan.name}: {counted(len(missing), 'case')} to solve")
@@ -76,7 +76,7 @@ def told(found: Tables) -> Iterator[str]:
         missed = 100 * max(1 - row["explained"], 0) ** 0.5
         yield f"  each sample is predicted from the others within {missed:.2g} % of the deviation"
         if row["explained"] < TRUSTED:
-            yield "  too little: mean, deviation and quantiles are those of the samples themselves"
+            yield "  not accurate enough: mean, deviation and quantiles are those of the samples"
         indices = sorted(
             (r for r in found.sobol if r["quantity"] == name), key=lambda r: -r["total"]
         )
@@ -92,8 +92,8 @@ def told(found: Tables) -> Iterator[str]:
     if unsolved["probability"]:
         lost = [row for row in found.samples if row["error"]]
         yield (
-            f"{len(lost)} of {len(found.samples)} samples have no result: they meet no limit, and "
-            "are left out of the rest"
+            f"{len(lost)} of {len(found.samples)} samples have no result: they count as meeting no "
+            "limit, and are left out of the rest"
         )
         yield from (f"  sample {row['sample']}: {row['error']}" for row in lost[:_SHOWN])
         yield from [f"  and {len(lost) - _SHOWN} more"] * (len(lost) > _SHOWN)

@@ -1,4 +1,4 @@
-"""Mistakes on the command line itself, in one line like all others."""
+"""Messages about mistakes in the arguments of the command line."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import typer
 from dealib.errors import ConfigError
 from dealib.reading import too_long
 
-UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # of which all of typer's are kinds
+UsageError: type[Exception] = typer.BadParameter.__mro__[1]  # base of all of typer's errors
 
 
 def refuse_long(arguments: Sequence[str]) -> None:
-    """Refuse what is too long for a path; none but values of --set may be so long.
+    """Refuse arguments that are too long for a path; only values of --set may be longer.
 
     Raises:
         ConfigError: With the argument.
@@ -25,11 +25,12 @@ def refuse_long(arguments: Sequence[str]) -> None:
 
 
 def explain(error: Exception, arguments: Sequence[str] = ()) -> str:
-    """Typer's usage error as one line: what is wrong, and which help says more.
+    """Typer's usage error in one line: what is wrong, and the command of the help page.
 
     Args:
         error: The error.
-        arguments: The command line; the parser forgets the command if an option lacks its value.
+        arguments: The command line; the error does not know the command if an option lacks its
+            value.
     """
     from pydantic import ValidationError
 

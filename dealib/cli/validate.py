@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from dealib.cases.cache import Cache
 from dealib.errors import ConfigError, DealibError, did_you_mean
 from dealib.files import guarded, write_text
 from dealib.tasks.jobs import watcher
-from dealib.tasks.studies import solve
+from dealib.tasks.studies import draw_panels, solve
 from dealib.validation import suite
 from dealib.validation.definition import NoBenchmark
 from dealib.validation.page import KINDS, good, number, page, tally
@@ -24,7 +23,7 @@ from dealib.validation.rows import LACKING, OUTSIDE, WITHIN, Row, against, other
 from dealib.validation.suite import Found
 from dealib.versions import version_line
 
-_WIDTH = 150  # columns of the table where the output is no terminal
+_WIDTH = 150  # characters of the table's width if the output is not a terminal
 
 
 class OutsideTolerance(DealibError):
@@ -65,7 +64,7 @@ def run_validation(
         )
         found = suite.evaluated(given, store, failed)
         rows, code = [row for one in found for row in one.rows], "dealib"
-    else:  # nothing is solved: dealib's numbers stand beside where they are there
+    else:  # nothing is solved; dealib's numbers are shown where they are in the cache
         found = suite.evaluated(given, store, {}, whole=True)
         known = [row for one in found for row in one.rows]
         code = other.name if other.stem == "dealib" else other.stem
@@ -82,7 +81,7 @@ def run_validation(
 
 
 def _write(found: Sequence[Found], rows: Sequence[Row], out: Path, code: str) -> None:
-    """Print the table; write it as CSV and JSON, and the page."""
+    """Print the table; write it as CSV, JSON and an HTML page, and print these files."""
     import pandas as pd
 
     _print(rows, code)
@@ -101,13 +100,9 @@ def _write(found: Sequence[Found], rows: Sequence[Row], out: Path, code: str) ->
 
 
 def _pictures(found: Sequence[Found]) -> dict[str, str]:
-    with warnings.catch_warnings():
-        # Debian's and pip's matplotlib side by side: 3-D axes, which nothing here uses, do not load
-        warnings.filterwarnings("ignore", message="Unable to import Axes3D")
-        from dealib.study.panels import draw
     pictures = {}
     for one in found:
-        if one.results is not None and (drawn := draw(one.results)) is not None:
+        if one.results is not None and (drawn := draw_panels(one.results)) is not None:
             pictures[one.definition.study.name] = drawn[0]
     return pictures
 

@@ -1,4 +1,4 @@
-"""A spectrum that is computed of a case: its frequencies, and what is driven."""
+"""The small-signal spectrum of a case: its frequencies and the driven terminal."""
 
 from __future__ import annotations
 
@@ -16,12 +16,14 @@ else:
 
 
 class Band(Section):
-    """Small-signal spectrum at the end of the data's stage (see dealib respond)."""
+    """Small-signal spectrum at the end of the stage of the data (see dealib respond)."""
 
     band: tuple[Positive, Positive] = Field(
         description="lowest and highest frequency, such as [1 Hz, 1 kHz]"
     )
-    points: int = Field(100, ge=2, le=10_000, description="number of frequencies, at equal ratios")
+    points: int = Field(
+        100, ge=2, le=10_000, description="number of frequencies, logarithmically spaced"
+    )
     of: str | None = Field(None, description="terminal that is driven; default the first one")
     series_resistance: Resistance = Field(
         0.0, ge=0, description="resistance of the driver and its leads"

@@ -1,7 +1,7 @@
-"""Bias elements on the mount: each is one class, its keys in the config and its force.
+"""Bias elements on the mount: each is a class with its keys in the config and its force.
 
-A new element is a new class here with `load`, and a key of `BiasElement`. Elements of one list add
-up; each counts its displacement from an anchor of its own, which may move.
+A new element is a new class here with `load`, and a key of `BiasElement`. The forces of a list of
+elements add up. Each element counts the displacement from its own anchor, which may move.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from dealib.section import OneOf, Section
 from dealib.units import Force, Length, Mass, Stiffness, list_of
 
 
-def _no_pull(mass: float) -> float:
+def _positive(mass: float) -> float:
     if mass < 0:
         raise ValueError("a mass is positive; a pull upwards is a positive force")
     return mass
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     Masses: TypeAlias = tuple[float, ...]
     Anchor: TypeAlias = tuple[float, ...] | Wave
 else:
-    Lengths, Masses = list_of(Length), list_of(Annotated[Mass, AfterValidator(_no_pull)])
+    Lengths, Masses = list_of(Length), list_of(Annotated[Mass, AfterValidator(_positive)])
     Anchor = course(Length, "anchor")
 
 
@@ -39,7 +39,14 @@ class Load(Protocol):
     """A force on the mount that depends on its displacement."""
 
     def load(self, x: float) -> tuple[float, float]:
-        """Force (N) and its slope (N/mm) at a displacement x (mm) from the anchor."""
+        """Force on the mount and its derivative.
+
+        Args:
+            x: Displacement from the anchor, mm.
+
+        Returns:
+            Force in N, and its derivative by x in N/mm.
+        """
 
 
 class Spring(Section):
@@ -56,11 +63,11 @@ class Spring(Section):
 
 
 class Bistable(Section):
-    """Spring of negative rate about its anchor, at rest on either side: a cubic."""
+    """Spring with two rest positions and a negative rate between them; its force is cubic."""
 
     rate: Stiffness = Field(lt=0, description="stiffness at the anchor; negative")
     well: Length = Field(gt=0, description="distance of both rest positions from the anchor")
-    anchor: Anchor = Field(description="displacement to which its unstable centre moves")
+    anchor: Anchor = Field(description="displacement of the mount at its unstable centre")
 
     def load(self, x: float) -> tuple[float, float]:
         """See `Load`."""
@@ -68,8 +75,33 @@ class Bistable(Section):
         return -self.rate * x * (1 - s), -self.rate * (1 - 3 * s)
 
 
-class Table(Section):
-    """Any spring by a table, without overshoot between its points (PCHIP); straight beyond it."""
+class Sampled(Section):
+    """A smooth force computed at some displacements: a quintic spline, linear beyond them."""
+
+    displacement: tuple[float, ...]
+    force: tuple[float, ...]
+
+    @cached_property
+    def _curve(self) -> Any:
+        from scipy.interpolate import make_interp_spline
+
+        return make_interp_spline(self.displacement, self.force, k=5)
+
+    @property
+    def reach(self) -> tuple[float, float]:
+        """First and last displacement from the anchor that is given, mm."""
+        return self.displacement[0], self.displacement[-1]
+
+    def load(self, x: float) -> tuple[float, float]:
+        """See `Load`."""
+        first, last = self.reach
+        inside = min(max(x, first), last)
+        slope = float(self._curve(inside, 1))
+        return float(self._curve(inside)) + slope * (x - inside), slope
+
+
+class Table(Sampled):
+    """Any spring by points: interpolated without overshoot (PCHIP), linear beyond them."""
 
     displacement: tuple[Length, ...] = Field(
         min_length=2, description="displacements of the mount from the anchor, increasing"
@@ -77,7 +109,7 @@ class Table(Section):
     force: tuple[Force, ...] = Field(
         min_length=2, description="forces on the mount; negative is down"
     )
-    anchor: Anchor = Field(description="displacement to which the zero of the table moves")
+    anchor: Anchor = Field(description="displacement of the mount at the zero of the table")
 
     @model_validator(mode="after")
     def _matches(self) -> Table:
@@ -95,56 +127,19 @@ class Table(Section):
 
         return PchipInterpolator(self.displacement, self.force)
 
-    @property
-    def reach(self) -> tuple[float, float]:
-        """Displacements from the anchor that the table covers, mm."""
-        return self.displacement[0], self.displacement[-1]
-
-    def load(self, x: float) -> tuple[float, float]:
-        """See `Load`."""
-        return _straight_beyond(self._curve, self.reach, x)
-
-
-class Sampled(Section):
-    """A smooth force computed at some displacements: a spline of fifth degree."""
-
-    displacement: tuple[float, ...]
-    force: tuple[float, ...]
-
-    @cached_property
-    def _curve(self) -> Any:
-        from scipy.interpolate import make_interp_spline
-
-        return make_interp_spline(self.displacement, self.force, k=5)
-
-    @property
-    def reach(self) -> tuple[float, float]:
-        """Displacements from the anchor that the samples cover, mm."""
-        return self.displacement[0], self.displacement[-1]
-
-    def load(self, x: float) -> tuple[float, float]:
-        """See `Load`."""
-        return _straight_beyond(self._curve, self.reach, x)
-
-
-def _straight_beyond(curve: Any, reach: tuple[float, float], x: float) -> tuple[float, float]:
-    inside = min(max(x, reach[0]), reach[1])
-    slope = float(curve(inside, 1))
-    return float(curve(inside)) + slope * (x - inside), slope
-
 
 class SecondFilm(Section):
-    """Another film without voltage whose mount hangs on this one: a double cone.
+    """A second, passive film on the same mount: a double cone.
 
-    It is mirrored, and its frame stands a distance below this device's, so that it pulls the mount
-    down. Its force is computed once, by a run of its own.
+    It is a mirror image of this device without voltage. Its frame is a distance below this
+    device's, so that it pulls the mount down. Its force is computed once, by a run of its own.
     """
 
     distance: Lengths = Field(
         description="distance between both frames; both films are flat at 0 mm"
     )
     set: dict[str, Any] | None = Field(
-        None, description="where the second device differs: keys such as geometry.film_thickness"
+        None, description="keys in which the second device differs, such as geometry.film_thickness"
     )
 
     @model_validator(mode="after")
@@ -160,7 +155,7 @@ class SecondFilm(Section):
 
 
 class BiasElement(OneOf):
-    """One element, one of the following."""
+    """One bias element: exactly one of the following."""
 
     mass: Masses | None = Field(None, description="suspended mass: force -m g")
     spring: Spring | None = Field(None, description="linear spring")
@@ -172,7 +167,7 @@ class BiasElement(OneOf):
 
     @property
     def course(self) -> tuple[tuple[str, ...], tuple[float, ...] | Wave]:
-        """Path and course of what may move."""
+        """Path and course of the value that may change over a stage."""
         name, given = self.given
         if isinstance(given, tuple):
             return (name,), given
@@ -184,9 +179,10 @@ Element: TypeAlias = Spring | Bistable | Table | Sampled
 
 
 def second_device(config: Any, film: SecondFilm) -> Any:
-    """Config of the run that measures a second film, pushed as far as it may be pulled.
+    """Config of the run that computes the force of a second film.
 
-    The air and the blocks are left out: without voltage they put no force on the film.
+    It pushes the film to 1.25 times the largest distance. The air and the clamp blocks are left
+    out, since without voltage they exert no force on the film.
 
     Raises:
         ValueAt: If `set` makes no valid config.
@@ -203,7 +199,7 @@ def second_device(config: Any, film: SecondFilm) -> Any:
     for region, material in tree["materials"].items():
         head = f"materials.{region}."
         changes = (film.set or {}).items()
-        _make_way(material, {k[len(head) :]: v for k, v in changes if k.startswith(head)})
+        _drop_replaced(material, {k[len(head) :]: v for k, v in changes if k.startswith(head)})
     for key, value in (film.set or {}).items():
         *above, last = key.split(".")
         node = tree
@@ -218,14 +214,15 @@ def second_device(config: Any, film: SecondFilm) -> Any:
     if any(isinstance(part, dict) and part.get("branches") for part in materials):
         raise ValueAt(
             ("set",),
-            "a second film answers at once: set materials.film.branches (and those of the "
-            "electrode) to [], which leaves its long-run stiffness",
+            "a second film is elastic, without viscosity: set materials.film.branches (and those "
+            "of the electrode) to [], which leaves the long-term stiffness",
         )
-    soft = ("mullins", "permanent_set")
-    if any(isinstance(part, dict) and part.get(key) for part in materials for key in soft):
+    softening = ("mullins", "permanent_set")
+    if any(isinstance(part, dict) and part.get(key) for part in materials for key in softening):
         raise ValueAt(
             ("set",),
-            "a second film remembers nothing: set materials.film.mullins and permanent_set to null",
+            "a second film is elastic, without softening: set materials.film.mullins and "
+            "permanent_set to null",
         )
     try:
         return type(config).model_validate(tree)
@@ -235,21 +232,22 @@ def second_device(config: Any, film: SecondFilm) -> Any:
         raise ValueAt(("set",), f"{where}: {problem(first, type(config))}") from None
 
 
-def _make_way(material: dict[str, Any], changes: dict[str, Any]) -> None:
-    """Take out of a material what changes of it stand for: its moduli, or its law with all of it.
+def _drop_replaced(material: dict[str, Any], changes: dict[str, Any]) -> None:
+    """Remove from a material the keys that its changes replace.
 
-    A config as it was read says what follows from Young's modulus or the library instead of these.
+    A validated config holds the moduli that follow from `youngs_modulus` and the law that comes
+    from `library`; they would contradict new values of these keys.
     """
     law = LAWS[material["law"]]
-    gone: tuple[str, ...] = law.ruled() if changes.get("youngs_modulus") is not None else ()
+    replaced: tuple[str, ...] = law.ruled() if changes.get("youngs_modulus") is not None else ()
     if "library" in changes or changes.get("law", material["law"]) != material["law"]:
-        gone = ("law", "library", *law.names())
-    for key in gone:
+        replaced = ("law", "library", *law.names())
+    for key in replaced:
         material.pop(key, None)
 
 
 def check_second_films(config: Any) -> None:
-    """Raise `ValueAt` if a second film of the program cannot be made."""
+    """Raise `ValueAt` if the config of a second film in the program is not valid."""
     for i, stage in enumerate(config.program):
         for path, _, _, given in stage.inputs:
             for k, element in enumerate(getattr(given, "bias", None) or ()):

@@ -34,10 +34,10 @@ class Case:
 
     Attributes:
         config: The validated config.
-        text: The file as given.
+        text: The text of the file.
         path: The file.
-        overrides: The `key=value` assignments applied on top.
-        within: Key of the file under which the config stands; none: it is the whole file.
+        overrides: The `key=value` assignments applied to it.
+        within: Key of the file that holds the config; empty: the whole file is the config.
     """
 
     config: Config
@@ -52,7 +52,7 @@ class Case:
 
     @property
     def size(self) -> Size:
-        """What a run takes, about: unknowns, steps, memory, time and disk."""
+        """Estimate of a run's unknowns, steps, memory, time and disk space."""
         return size(self.config)
 
     @cached_property
@@ -62,10 +62,10 @@ class Case:
 
     @contextmanager
     def blamed(self) -> Iterator[None]:
-        """Show in the file what a run finds wrong with a key.
+        """Turn a `ValueAt` of a run into a message with the place in the file.
 
         Raises:
-            ConfigError: For a `ValueAt`.
+            ConfigError: Instead of `ValueAt`.
         """
         try:
             yield
@@ -75,7 +75,7 @@ class Case:
                 for assignment in self.overrides:
                     source.override(assignment)
                 message = source.message(error.where, str(error))
-            except ConfigError:  # the file is not there any more
+            except ConfigError:  # the file no longer exists
                 message = f"{'.'.join(map(str, error.where))}: {error}"
             raise ConfigError(message) from None
 
@@ -91,11 +91,11 @@ def load(
     Args:
         path: The YAML file.
         set: Overrides, as a mapping of dotted keys or as 'key=value' texts. A text is read as YAML;
-            None is its null: no clamps, no limit.
-        within: Key of the file under which the config stands; none: it is the whole file.
+            None is YAML's null, such as for no clamps or no limit.
+        within: Key of the file that holds the config; empty: the whole file is the config.
 
     Raises:
-        ConfigError: With one message a mistake, each with its place in the file.
+        ConfigError: With one message for each mistake and its place in the file.
     """
     source = Source(Path(path), within=within)
     items = set.items() if isinstance(set, Mapping) else ()
@@ -104,7 +104,7 @@ def load(
         source.override(assignment)
     with known(of_config(source)):
         config = validate(Config, source)
-    if config.library is not None:  # its materials are in the config now
+    if config.library is not None:  # the values of its materials are in the config now
         config = without_library(config)
     for where, file in _files(config):
         config = _put(config, where, _found(source, where, file))
@@ -119,7 +119,7 @@ def load(
 
 
 def _files(config: Config) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """Where a config names files, and which."""
+    """The paths of the keys that name files, and these names."""
     if config.mesh.file is not None:
         yield ("mesh", "file"), config.mesh.file
     if isinstance(config.geometry, MeshShape):
@@ -132,7 +132,7 @@ def _files(config: Config) -> Iterator[tuple[tuple[str | int, ...], str]]:
 
 
 def _put(node: Any, where: tuple[str | int, ...], value: Any) -> Any:
-    """A copy of sections with another value at a place."""
+    """A copy of a section with another value at a path."""
     if not where:
         return value
     key, *rest = where
@@ -145,7 +145,11 @@ def _put(node: Any, where: tuple[str | int, ...], value: Any) -> Any:
 
 
 def _found(source: Source, where: tuple[str | int, ...], given: str) -> str:
-    """A file that a config names, beside it or from here."""
+    """The path of a file that a config names: beside the config, or in the present folder.
+
+    Raises:
+        ConfigError: If there is none.
+    """
     path = Path(given).expanduser()
     beside = source.path.parent / path
     found = beside if beside.exists() else path
@@ -155,17 +159,19 @@ def _found(source: Source, where: tuple[str | int, ...], given: str) -> str:
 
 
 def _yaml(value: Any) -> str:
-    """A value of Python or numpy as YAML; a text is YAML already."""
+    """A value of Python or numpy as YAML; a text is taken as YAML."""
     if isinstance(value, str):
         return value
     return json.dumps(value, default=lambda x: getattr(x, "tolist", x.__str__)())
 
 
 def read(path: Path) -> Config:
-    """A config that was resolved before, which is longer; its files need not be there any more.
+    """Read a resolved config, as run directories hold it.
+
+    It may be larger than one written by hand, and the files that it names need not exist.
 
     Raises:
-        ConfigError: If it is none.
+        ConfigError: If it is not valid.
     """
     return validate(Config, Source(path, most=20_000_000))
 
@@ -178,12 +184,12 @@ def resolved(config: Config) -> str:
 
 @functools.lru_cache(maxsize=64)
 def _section(text: str) -> str:
-    """A section in JSON as YAML; of the cases of a sweep most are the same."""
+    """A section in JSON as YAML; cached, since most sections of a sweep's cases are equal."""
     return yaml_text(json.loads(text))
 
 
 def commented(path: Path, changes: Iterable[str]) -> str:
-    """The text of a file with 'key=value' changes, and its comments."""
+    """The text of a file with 'key=value' changes applied; its comments are kept."""
     source = Source(path)
     for assignment in changes:
         source.override(assignment)
@@ -191,7 +197,7 @@ def commented(path: Path, changes: Iterable[str]) -> str:
 
 
 def yaml_text(tree: Any) -> str:
-    """A tree as YAML, with its keys in order."""
+    """A tree as YAML; the order of its keys is kept."""
     out = io.StringIO()
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
@@ -201,7 +207,7 @@ def yaml_text(tree: Any) -> str:
 
 
 def _listed(node: Any) -> Any:
-    """Tuples as lists, which YAML can say; single values of a polyline stay lists."""
+    """A tree with lists instead of tuples, for which YAML has no plain form."""
     if isinstance(node, dict):
         return {k: _listed(v) for k, v in node.items()}
     return [_listed(v) for v in node] if isinstance(node, (list, tuple)) else node

@@ -1,4 +1,4 @@
-"""Stages that follow a branch of equilibria past its limit points, in the config."""
+"""Config of stages that follow a branch of equilibria past its limit points."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def partner(name: str) -> str:
 
 
 def crossed(program: Iterable[Any]) -> bool:
-    """Whether a branch is followed in variables of two ports, which leaves no symmetric tangent."""
+    """Whether a stage follows a branch in variables of two ports, with an unsymmetric tangent."""
     pairs = [stage.follow.pair for stage in program if stage.follow is not None]
     return any(partner(vary) != along for vary, along in pairs)
 
@@ -67,10 +67,10 @@ def crossed(program: Iterable[Any]) -> bool:
 class Follow(Section):
     """Pseudo-arc-length: the path of equilibria in two port variables, past limit points.
 
-    The first variable is no longer prescribed but solved for; the history tells whether a state
-    would be stable if it were prescribed. The first increment is the way to the end of `along`
-    over `steps`. Time counts the length of the path, in units in which the straight way to that
-    end takes `duration`.
+    The first variable, `vary`, is solved for instead of prescribed; the history tells whether a
+    state would be stable if it were prescribed. The first increment is the distance to the end of
+    `along` divided by `steps`. Time is proportional to the arc length: a straight path to that end
+    takes `duration`.
     """
 
     vary: Name = Field(
@@ -79,22 +79,22 @@ class Follow(Section):
     )
     along: Name | None = Field(
         None,
-        description="second variable of the path; default its dual at the same port: charge of "
-        "voltage, displacement of force, volume of pressure, and the reverse",
+        description="second variable of the path; default the dual of `vary` at the same port: "
+        "charge for voltage, displacement for force, volume for pressure, and the reverse",
     )
     until: Limits = Field(
         min_length=1,
-        description="where to stop: at the first of these that is reached, such as "
-        "{displacement: -3 mm}; `along` needs its end here and is met exactly; of the others, the "
-        "first state beyond is the last one",
+        description="values that end the stage when the first of them is reached, such as "
+        "{displacement: -3 mm}; the one of `along` is required and met exactly; for the others, "
+        "the last state is the first one beyond the value",
     )
     states: int | None = Field(
-        None, ge=1, description="stop after so many states; default ten times `steps`"
+        None, ge=1, description="largest number of states; default ten times `steps`"
     )
 
     @property
     def pair(self) -> tuple[str, str]:
-        """Both variables."""
+        """The variables `vary` and `along`."""
         return self.vary, self.along or partner(self.vary)
 
     @model_validator(mode="after")
@@ -103,15 +103,15 @@ class Follow(Section):
         if vary == along:
             raise ValueAt(("along",), f"must be another variable than {vary}")
         if along not in self.until:
-            raise ValueAt(("until",), f"give the end of {along}, along which the steps are counted")
+            raise ValueAt(("until",), f"give the last value of {along}, which the steps divide")
         return self
 
 
 def check_branches(config: Any) -> None:
-    """Branches of equilibria need a potential, elastic materials, and two variables that are free.
+    """Check stages with `follow`: they need a potential, elastic materials and free variables.
 
     Raises:
-        ValueAt: If a stage cannot be followed.
+        ValueAt: If a stage cannot follow a branch.
     """
     device: Device = config.device
     driven = {p.name: "" if p.floating else p.kind.primal.name for p in device.ports}
@@ -121,12 +121,12 @@ def check_branches(config: Any) -> None:
             continue
         where = ("program", i, "follow")
         if config.physics.coupling != "energy":
-            raise ValueAt(("physics", "coupling"), "branches are followed with energy only")
+            raise ValueAt(("physics", "coupling"), "a stage with follow needs coupling: energy")
         for material, law in config.solids.items():
             if law.memory:
                 raise ValueAt(
                     ("materials", material, law.memory[0]),
-                    "a stage with follow runs along equilibria, out of time; take these out for it",
+                    "a stage with follow computes equilibria, independent of time: remove this key",
                 )
         vary, along = stage.follow.pair
         names = [("vary", vary), ("along", along), *(("until", n) for n in stage.follow.until)]
@@ -139,8 +139,8 @@ def check_branches(config: Any) -> None:
         if other != port and driven[other.name] in (stem, ""):
             raise ValueAt(
                 where,
-                f"{along} is prescribed here, so no branch runs along it; load the "
-                f"{other.kind.name}",
+                f"{along} is prescribed here, so that no branch can be followed along it; "
+                f"prescribe {partner(along)} in a stage before",
             )
         if other != port and stem == other.kind.dual.name:
             raise ValueAt(
@@ -151,7 +151,7 @@ def check_branches(config: Any) -> None:
         if driven[port.name] in ("spring", "bias", "gas"):
             raise ValueAt(
                 (*where, "vary"),
-                f"the {driven[port.name]} would be taken off the {port.kind.name} to vary its "
-                f"{vary}; vary another variable",
+                f"varying {vary} would remove the {driven[port.name]} from the {port.kind.name}; "
+                "vary another variable",
             )
         driven[port.name] = vary.partition(".")[0]

@@ -1,4 +1,4 @@
-"""A user's own library of materials: a YAML file of the form of the published one."""
+"""A user's own library of materials: a YAML file in the format of the published one."""
 
 from __future__ import annotations
 
@@ -48,10 +48,10 @@ class _Library(RootModel[dict[Name, Own]]):
 
 
 def read_library(path: Path) -> dict[str, Entry]:
-    """The materials of a file.
+    """The materials of a file, by name.
 
     Raises:
-        ConfigError: With what is wrong, and where.
+        ConfigError: If the file is not a valid library; with the place of each mistake.
     """
     found = validate(_Library, Source(path)).root
     return {name: Entry(own.description, own.source, own.values) for name, own in found.items()}
@@ -59,7 +59,7 @@ def read_library(path: Path) -> dict[str, Entry]:
 
 @contextmanager
 def known(path: Path | None) -> Iterator[None]:
-    """While it is open, the materials of a file are known; None: of no file."""
+    """Make the materials of a library file available while the context lasts; None: no file."""
     token = OWN.set({} if path is None else read_library(path))
     try:
         yield
@@ -68,13 +68,13 @@ def known(path: Path | None) -> Iterator[None]:
 
 
 def of_config(source: Source) -> Path | None:
-    """The library that a config names; None if it names none.
+    """The library file that a config names; None if it names none.
 
     Raises:
         ConfigError: If there is no such file.
     """
     name = source.tree.get("library")
-    if not isinstance(name, str):  # none, or what the schema refuses
+    if not isinstance(name, str):  # missing, or a wrong type that validation reports later
         return None
     given = Path(name).expanduser()
     beside = source.path.parent / given
@@ -84,13 +84,19 @@ def of_config(source: Source) -> Path | None:
 
 
 def without_library(config: Config) -> Config:
-    """A config that stands alone: values of its own library are its own."""
+    """A copy of a validated config that no longer refers to its library file."""
     materials = {n: m.model_copy(update={"library": None}) for n, m in config.materials.items()}
     return config.model_copy(update={"library": None, "materials": materials})
 
 
 def add(path: Path, name: str, entry: Mapping[str, Any]) -> str:
-    """The text of a library with a material in addition, or in place of one of that name."""
+    """The text of a library file to which a material is added.
+
+    Args:
+        path: The file; it need not exist, and it is not written.
+        name: Name of the material; an entry of that name is replaced.
+        entry: Description, source and values of the material.
+    """
     tree = load(path.read_text(encoding="utf-8"), "rt") if path.is_file() else None
     tree = {} if tree is None else tree
     tree[name] = dict(entry)

@@ -1,4 +1,4 @@
-"""Materials in the config: a law, the film's properties, what the library gives."""
+"""Materials in the config: a law with its parameters, other properties, and the library."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def _pair(value: object) -> object:
     return [value, value]
 
 
-# MPa: the weakest gels and greases have about 100 Pa, diamond 1 TPa; bulk moduli that stand for
-# incompressibility may be above any real one
+# accepted moduli in MPa: gels and greases have 100 Pa, diamond 1 TPa, and bulk moduli that
+# stand for incompressibility may be larger
 _SOFTEST, _HARDEST = 1e-5, 1e7
 
 Stretch = Annotated[float, Field(ge=0.5, le=10)]
@@ -44,35 +44,37 @@ class Named(BaseModel):
 
 
 class Properties(Named):
-    """What a material has besides its law."""
+    """Properties of a material besides its law."""
 
     relative_permittivity: RelativePermittivity | None = Field(
         None,
-        description="{intercept: a, slope: b} if it is a + b * stretch; without it the material "
-        "conducts",
+        description="a number, or {intercept: a, slope: b} for a + b * stretch; a material without "
+        "this key is a conductor",
     )
     density: Density | None = Field(
         None,
         gt=0,
-        description="density of the unstretched material, such as 960 kg/m^3; needed for motion",
+        description="density of the unstretched material, such as 960 kg/m^3; dynamic stages "
+        "and vibrations need it",
     )
     prestretch: Annotated[
         tuple[Stretch, Stretch],
         BeforeValidator(_pair, json_schema_input_type=Stretch | tuple[Stretch, Stretch]),
     ] = Field(
         (1.0, 1.0),
-        description="in-plane pre-stretch: equal-biaxial, or along both directions of the layer: "
-        "[radial, hoop], [axial, hoop] of a tube, [along X, along Y]",
+        description="in-plane pre-stretch: one number if equal-biaxial, or two along the "
+        "directions of the layer: [radial, hoop], [axial, hoop] of a tube, [along X, along Y]",
     )
     mounted: Literal["relaxed", "fresh"] = Field(
         "relaxed",
-        description="state of the branches at the start; relaxed: stretched long ago; fresh: just "
-        "now, so that they carry the pre-stretch and relax from there",
+        description="state of the branches at the start; relaxed: they bear no stress, the film "
+        "was pre-stretched long ago; fresh: it was pre-stretched just now, and they relax from "
+        "there",
     )
 
     @property
     def permittivity(self) -> StretchPermittivity:
-        """Relative permittivity as a function of stretch, of a dielectric."""
+        """Relative permittivity of a dielectric as a function of stretch."""
         given = self.relative_permittivity
         if isinstance(given, StretchPermittivity):
             return given
@@ -81,34 +83,39 @@ class Properties(Named):
 
     @property
     def conducts(self) -> bool:
-        """Whether it is a conductor."""
+        """Whether the material is a conductor."""
         return self.relative_permittivity is None
 
 
 def _complete(given: object, only: tuple[str, ...]) -> object:
-    """A material with what the library adds to it: its law's values, and those other keys."""
+    """Complete a material with values of the library.
+
+    Args:
+        given: The material as in the file.
+        only: Keys besides those of the law that are taken from the library.
+    """
     if not isinstance(given, dict) or not isinstance(given.get("library"), str):
         return given
     name = given["library"]
     if name not in library():
         hint = did_you_mean(name, library())
         if name.endswith((".yaml", ".yml")):
-            hint = f"; a file goes to the top level of the config, 'library: {name}'; here stands "
-            hint += "the name of one of its materials"
+            hint = f"; name a file by 'library: {name}' at the top level of the config, and here "
+            hint += "one of its materials"
         raise ValueAt(("library",), f"unknown material {name!r}{hint}")
     law = library()[name].values["law"]
     if given.get("law", law) != law:
-        raise ValueAt(("law",), f"the law of {name} is {law}; drop law, or library")
+        raise ValueAt(("law",), f"the law of {name} is {law}; leave out law, or library")
     return library()[name].with_changes(given, only)
 
 
 def _choice(bases: tuple[type[BaseModel], ...], suffix: str) -> Any:
-    """One model a law, chosen by the key `law`, or by a material of the library."""
+    """A union of one model for each law, chosen by the key `law` or a material of the library."""
     models: Any = tuple(
         create_model(f"{law.__name__}{suffix}", __base__=(law, *bases), __doc__=law.__doc__)
         for law in LAWS.values()
     )
-    globals().update({model.__name__: model for model in models})  # where pickle looks for them
+    globals().update({model.__name__: model for model in models})  # pickle finds classes here
     own = tuple(name for base in bases for name in base.model_fields)
     return Annotated[
         Union[models],  # noqa: UP007 - built at run time
@@ -128,7 +135,7 @@ else:
 
 
 def _or_named(node: dict[str, Any]) -> None:
-    """In the JSON schema: a material of the library needs no law."""
+    """Allow materials of the library without a law in the JSON schema."""
     choices = node if "oneOf" in node else next(c for c in node["anyOf"] if "oneOf" in c)
     choices["oneOf"].append(
         {
@@ -141,7 +148,7 @@ def _or_named(node: dict[str, Any]) -> None:
 
 
 def _moduli(material: Law) -> Iterator[tuple[tuple[str | int, ...], str, float]]:
-    """Where moduli are given, what they are, and their values, MPa."""
+    """Path, kind and value (MPa) of each modulus of a material."""
     by = None if material.youngs_modulus is None else "youngs_modulus"
     yield (by or material.names()[0],), "shear", material.shear_modulus_at_rest
     yield (by or "bulk_modulus",), "bulk", material.parameters["bulk_modulus"]
@@ -156,25 +163,25 @@ else:
 
 
 def check_materials(materials: Materials) -> None:
-    """Raise `ValueAt` where a material is none of a solid, or cannot bear its pre-stretch."""
+    """Raise `ValueAt` if a material's moduli, pre-stretch or permittivity are impossible."""
     for name, material in materials.items():
         for where, what, modulus in _moduli(material):
             if not _SOFTEST <= modulus <= _HARDEST:
                 raise ValueAt(
                     ("materials", name, *where),
-                    f"a {what} modulus of {modulus:.4g} MPa is none of a solid (10 Pa to "
-                    "10 TPa); check the unit: MPa is mega, mPa is milli",
+                    f"a {what} modulus of {modulus:.4g} MPa is outside the range of solids (10 Pa "
+                    "to 10 TPa); check the unit: MPa is mega, mPa is milli",
                 )
         first, second = material.prestretch
         mounted = invariants_of_stretches(first, second, 1 / (first * second))
         where = ("materials", name, "prestretch")
         if material.extension(mounted, material.values) >= 1:
-            raise ValueAt(where, f"{material.law} locks before this stretch")
+            raise ValueAt(where, f"{material.law} reaches its limiting stretch before this one")
         if thickness_range(material, first, second) is None:
             raise ValueAt(
                 where,
-                f"{material.law} with these parameters is not stable there: at no thickness is "
-                "the film free of stress across",
+                f"{material.law} with these parameters is unstable at this stretch: there is no "
+                "thickness at which the transverse stress vanishes",
             )
         for stretch in () if material.conducts else (1.0, (first * second) ** 0.5):
             if (value := material.permittivity.at(stretch)) < 1:

@@ -1,4 +1,4 @@
-"""From pydantic's errors to messages that teach: what, where, what was expected."""
+"""Messages from pydantic's errors: what is wrong, where, and what was expected."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def validate(model: type[Model], source: Source) -> Model:
         source: The file and its overrides.
 
     Raises:
-        ConfigError: With one message a mistake, each with its place in the file.
+        ConfigError: With one message for each mistake and its place in the file.
     """
     tree = plain(source.tree)
     _refuse_other_kinds(model.__name__, tree, source.path)
@@ -58,12 +58,12 @@ def validate(model: type[Model], source: Source) -> Model:
         misspelt = [item for item in errors if item["type"] == "extra_forbidden"]
         for item in errors:
             if item["type"] == "too_short" and any(_within(i["loc"], item["loc"]) for i in errors):
-                continue  # it is short of its wrong items only
+                continue  # only because its wrong items were left out
             if item["type"] == "missing" and any(_meant(m, item["loc"], model) for m in misspelt):
-                continue  # it is there under a misspelt name
+                continue  # the key is given under a misspelt name
             where = in_file(item, tree)
-            if item["type"] in _OF_OTHERS and any(_other(i, item, where, tree) for i in errors):
-                continue  # it is of a kind that this place takes too, and wrong within
+            if item["type"] in _WRONG_TYPES and any(_other(i, item, where, tree) for i in errors):
+                continue  # another alternative of the union fits better, with a mistake inside
             at: Literal["key", "value"] = "key" if item["type"] == "extra_forbidden" else "value"
             said = problem({**item, "input": _given(tree, where, item)}, model)
             if item["type"] == "extra_forbidden" and _POISSON.fullmatch(str(where[-1])):
@@ -72,7 +72,7 @@ def validate(model: type[Model], source: Source) -> Model:
         raise ConfigError("\n".join(found)) from None
 
 
-# schema -> what its files are called, which keys only they have, and which command takes them
+# schema -> name of the kind of file, keys that only this kind has, command that reads it
 _KINDS = {
     "Config": ("config", {"geometry", "materials", "mesh", "physics", "solver"}, "run"),
     "Study": ("study", {"title", "vary", "quantities", "panels", "windows"}, "study"),
@@ -81,11 +81,11 @@ _KINDS = {
     "Benchmark": ("benchmark", {"device", "checks", "curves", "obtained"}, "validate"),
 }
 
-_IN_PYTHON = {"run": "simulate", "study": "run_study"}  # others are called as the command
+_IN_PYTHON = {"run": "simulate", "study": "run_study"}  # other functions are named as the command
 
 
 def _refuse_other_kinds(wanted: str, tree: Mapping[str, Any], path: Path) -> None:
-    """Say it in one line if a file is of another kind."""
+    """Raise `ConfigError` with one message if a file is of another kind."""
     counts = {name: len(own & tree.keys()) for name, (_, own, _) in _KINDS.items()}
     found = max(counts, key=counts.__getitem__)
     if wanted in counts and counts[found] > counts[wanted]:
@@ -96,13 +96,21 @@ def _refuse_other_kinds(wanted: str, tree: Mapping[str, Any], path: Path) -> Non
         raise ConfigError(f"{path}: a {given}, not a {_KINDS[wanted][0]}; {takes} takes it")
 
 
-_OF_OTHERS = ("tuple_type", "dict_type", "string_type")
+_WRONG_TYPES = ("tuple_type", "dict_type", "string_type")
 
 
 def _other(item: Mapping[str, Any], refused: Mapping[str, Any], where: Loc, tree: Any) -> bool:
-    """Whether another alternative of a union took what this one refused, and went on in it."""
+    """Whether an error comes from an alternative of a union that accepts the value's type.
+
+    Args:
+        item: The error.
+        refused: An error of the value's type.
+        where: Place of `refused` in the file.
+        tree: The file.
+    """
     within = in_file(item, tree)
-    return item["type"] not in _OF_OTHERS and within[: len(where)] == where and item is not refused
+    matches = item["type"] not in _WRONG_TYPES and item is not refused
+    return matches and within[: len(where)] == where
 
 
 def _within(loc: Loc, other: Loc) -> bool:
@@ -110,7 +118,7 @@ def _within(loc: Loc, other: Loc) -> bool:
 
 
 def _given(tree: Any, where: Loc, item: Mapping[str, Any]) -> Any:
-    """What the file says at a place, where pydantic may have seen it converted."""
+    """The value in the file, which pydantic may have seen only after a conversion."""
     try:
         for part in where:
             tree = tree[part]
@@ -120,18 +128,18 @@ def _given(tree: Any, where: Loc, item: Mapping[str, Any]) -> Any:
 
 
 def plain(node: Any) -> Any:
-    """Plain dicts and lists of a ruamel tree."""
+    """A ruamel tree as plain dicts and lists."""
     if isinstance(node, Mapping):
         return {str(k): plain(v) for k, v in node.items()}
     return [plain(v) for v in node] if isinstance(node, list) else node
 
 
 def problem(item: Mapping[str, Any], model: type[BaseModel] | None = None) -> str:
-    """What is wrong, in plain words.
+    """The message for one of pydantic's errors.
 
     Args:
-        item: One of pydantic's error details.
-        model: The schema that was not met, for what it knows at this place.
+        item: Details of the error.
+        model: The schema, for the keys and descriptions that it has at this place.
     """
     kind, given, ctx = item["type"], item.get("input"), item.get("ctx", {})
     if kind == "extra_forbidden":
@@ -159,7 +167,7 @@ def problem(item: Mapping[str, Any], model: type[BaseModel] | None = None) -> st
     if kind == "string_too_short":
         return "must not be empty"
     if kind == "string_pattern_mismatch":
-        return f"{_shown(given)} is no name; use a letter, then letters, digits, '_' and '-'"
+        return f"{_shown(given)} is not a name; use a letter, then letters, digits, '_' and '-'"
     expected = _EXPECTED.get(kind.split("_")[0], "another kind of value")
     hint = ""
     if expected == "text" and isinstance(given, (int, float)):
@@ -168,7 +176,7 @@ def problem(item: Mapping[str, Any], model: type[BaseModel] | None = None) -> st
 
 
 def _length(ctx: Mapping[str, Any]) -> str:
-    """What is wrong with a list that has too few or too many items."""
+    """The message for a list with too few or too many items."""
     least, most, given = ctx.get("min_length"), ctx.get("max_length"), ctx["actual_length"]
     if not given:
         return "must not be empty"
@@ -177,7 +185,7 @@ def _length(ctx: Mapping[str, Any]) -> str:
 
 
 def _hint(item: Mapping[str, Any], model: type[BaseModel] | None) -> str:
-    """What an unknown key may have been meant to be."""
+    """A hint at the key that an unknown one may stand for."""
     known = [n for m in _models_at(model, item["loc"][:-1]) for n in m.model_fields]
     return did_you_mean(str(item["loc"][-1]), list(dict.fromkeys(known)))
 
@@ -186,7 +194,7 @@ _POISSON = re.compile(r"nu|poissons?(_?ratio)?", re.IGNORECASE)
 
 
 def _by_moduli(material: Any, key: str) -> str:
-    """How to write a Young's modulus E and a Poisson's ratio nu: as two moduli."""
+    """The message for a Poisson's ratio nu: give two moduli instead of E and nu."""
     said = "unknown key; give shear_modulus = E / (2 (1 + nu)), bulk_modulus = E / (3 (1 - 2 nu))"
     try:
         nu, E = float(material[key]), parse(material["youngs_modulus"], "stress")
@@ -204,7 +212,7 @@ def _meant(item: Mapping[str, Any], loc: Loc, model: type[BaseModel]) -> bool:
 
 
 def _shown(given: Any) -> str:
-    """A value as it may stand in a sentence."""
+    """A value for use in a sentence."""
     if given is None:
         return "nothing"
     if isinstance(given, bool):
@@ -217,14 +225,14 @@ def _shown(given: Any) -> str:
 
 
 def _words(listing: str) -> list[str]:
-    """The words of pydantic's "'a', 'b' or 'c'"."""
+    """The words of a list of pydantic such as "'a', 'b' or 'c'"."""
     return [
         w.strip(" '") for w in listing.replace("' or '", "', '").replace(" or ", ",").split(",")
     ]
 
 
 def in_file(item: Mapping[str, Any], tree: Any) -> Loc:
-    """Where in the file: pydantic's location without tags of unions and items of lone values."""
+    """Path in the file: pydantic's location without tags of unions and indices of lone values."""
     where: list[int | str] = []
     node, loc, kind = tree, item["loc"], item["type"]
     for depth, part in enumerate(loc):
@@ -246,14 +254,14 @@ def in_file(item: Mapping[str, Any], tree: Any) -> Loc:
 
 
 def _models_at(model: type[BaseModel] | None, loc: Iterable[int | str]) -> list[type[BaseModel]]:
-    """The models that may stand at a location of the schema."""
+    """The models that the schema allows at a location."""
     kinds = [] if model is None else [model]
     for part in loc:
         fields = [m.model_fields[part] for m in kinds if part in m.model_fields]
         fields = fields or [m.model_fields["root"] for m in kinds if "root" in m.model_fields]
         if fields:
             kinds = [m for f in fields for m in _models_in(f.annotation)]
-        elif isinstance(part, str):  # the tag of a union, or a key of a free mapping
+        elif isinstance(part, str):  # the tag of a union, or a key that the user chose
             kinds = [m for m in kinds if part in _literals(m)] or kinds
     return kinds
 
@@ -265,13 +273,13 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
 
 
 def _literals(model: type[BaseModel]) -> set[str]:
-    """All words that a model's choices allow."""
+    """All values of a model's literals."""
     found = [get_args(f.annotation) for f in model.model_fields.values()]
     return {a for args in found for a in args if isinstance(a, str)}
 
 
 def _meaning(model: type[BaseModel] | None, loc: Loc) -> str:
-    """What a missing key would say, and how."""
+    """Description and example of a missing key."""
     fields = [m.model_fields.get(str(loc[-1])) for m in _models_at(model, loc[:-1])]
     for field in filter(None, fields):
         means, example = field.description or "", _example(field)
@@ -282,7 +290,7 @@ def _meaning(model: type[BaseModel] | None, loc: Loc) -> str:
 
 
 def _example(field: FieldInfo) -> str:
-    """An example of a quantity with its unit; empty for other values."""
+    """An example of a quantity with its unit; empty for other kinds of values."""
     for note in field.metadata:
         schema = getattr(note, "json_schema", None)
         if isinstance(schema, dict) and schema.get("examples"):

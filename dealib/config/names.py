@@ -1,4 +1,4 @@
-"""Names that users give: what is safe as a file's name, and in a table that a spreadsheet opens."""
+"""Names that users give: safe as names of files, and as cells of a spreadsheet."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pydantic import AfterValidator
 
 from dealib.reading import shown, too_long
 
-# what begins like a number is one, or is followed by words; a formula would go on otherwise
+# a signed number, alone or followed by words: allowed, since it is no formula
 _AMOUNT = re.compile(r"[-+](\d+\.?\d*|\.\d+)([eE][-+]?\d+)?([ ,][^=|!()@]*)?")
 
 
@@ -25,7 +25,7 @@ def _path(path: str) -> str:
     if problem := too_long(path):
         raise ValueError(problem)
     if not path.isprintable():
-        raise ValueError("a path without control characters is needed")
+        raise ValueError("a path must not contain control characters")
     return path
 
 
@@ -36,7 +36,7 @@ def _cell(text: str) -> str:
 
 
 def fault(text: str) -> str:
-    """Why a text must not stand in a table; empty if it may."""
+    """Why a text is not allowed in a table; empty if it is."""
     if not text.isprintable():
         return f"{shown(repr(text))} holds a tab, a line break or another control character"
     if text.lstrip()[:1] in tuple("=+-@") and not _AMOUNT.fullmatch(text):

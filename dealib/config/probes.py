@@ -1,4 +1,4 @@
-"""Probes in the config: quantities at a point, or over a region or boundary."""
+"""Probes in the config: quantities at a point, or taken over a region or boundary."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Probe(Section):
     )
     on: str | None = Field(None, description="region or boundary over which it is taken")
     take: Literal["mean", "max", "min", "integral"] = Field(
-        "mean", description="which value over the region or boundary"
+        "mean", description="how it is taken over the region or boundary"
     )
 
     @model_validator(mode="after")
@@ -47,14 +47,14 @@ class Probe(Section):
 
 
 def check_probes(config: Any) -> None:
-    """Raise `ValueAt` for a probe of something that the device lacks."""
+    """Raise `ValueAt` if the device lacks the quantity or the place of a probe."""
     device = config.device
     known = local_quantities(device.kinematics)
     for name, probe in (config.probes or {}).items():
         where = ("probes", name)
         if probe.displacement is not None and probe.displacement not in device.kinematics.axes:
             axes = ", ".join(device.kinematics.axes)
-            raise ValueAt((*where, "displacement"), f"no axis; known: {axes}")
+            raise ValueAt((*where, "displacement"), f"not an axis of the device; it has {axes}")
         if probe.measured not in known:
             hint = did_you_mean(probe.measured, known)
             raise ValueAt((*where, "quantity"), f"unknown quantity {probe.measured!r}{hint}")

@@ -1,4 +1,4 @@
-"""The load program in the config: stages and what drives the ports in them."""
+"""The load program in the config: stages, and the inputs of the ports in them."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ else:
 class _Port(OneOf):
     @property
     def courses(self) -> list[tuple[Path_, Course]]:
-        """Path and course of each input that is given."""
+        """Path and course of the given input."""
         name, given = self.given
         if isinstance(given, Spring):
             return [((name, "anchor"), given.anchor)]
@@ -49,7 +49,7 @@ class _Port(OneOf):
 
 
 class MountInput(_Port):
-    """What drives the mount, one of: a value to ramp to, or a list: a polyline over the stage."""
+    """Input of the mount, one of these: a value to ramp to, or a list for a polyline in time."""
 
     displacement: Displacements | None = Field(
         None, description="prescribed displacement; negative is down"
@@ -60,7 +60,7 @@ class MountInput(_Port):
     bias: tuple[BiasElement, ...] | None = Field(
         None,
         min_length=1,
-        description="list of springs, masses or a second film whose forces add up",
+        description="list of springs, masses and a second film; their forces add up",
     )
 
     @property
@@ -73,20 +73,21 @@ class MountInput(_Port):
 
 
 class TerminalInput(_Port):
-    """What drives a terminal, one of: a value to ramp to, or a list over the stage."""
+    """Input of a terminal, one of these: a value to ramp to, or a list for a polyline in time."""
 
     voltage: Voltages | None = Field(None, description="prescribed voltage against ground")
     charge: Charges | None = Field(None, description="prescribed charge")
 
 
 class ChamberInput(_Port):
-    """What drives a chamber, one of: a value to ramp to, or a list over the stage."""
+    """Input of a chamber, one of these: a value to ramp to, or a list for a polyline in time."""
 
     pressure: Pressures | None = Field(None, description="prescribed pressure above that outside")
     volume: Volumes | None = Field(None, description="prescribed displaced volume, 0 at rest")
     gas: Gas | None = Field(
         None,
-        description="enclosed gas: its volume and the flow through openings give the pressure",
+        description="enclosed gas: the pressure follows from its volume and the flow through "
+        "openings",
     )
     liquid: Liquid | None = Field(
         None, description="liquid: the volume follows from the flow through openings"
@@ -99,7 +100,7 @@ class ChamberInput(_Port):
 
 
 class TurnInput(_Port):
-    """What turns a rigid mount, one of: a value to ramp to, or a list over the stage."""
+    """Rotation of a rigid mount, one of these: a value to ramp to, or a list as a polyline."""
 
     rotation: Angles | None = Field(None, description="prescribed component of the rotation vector")
     moment: Moments | None = Field(None, description="prescribed moment about the centre")
@@ -110,14 +111,14 @@ Input: TypeAlias = MountInput | TerminalInput | ChamberInput | TurnInput
 
 
 class Stage(Section):
-    """One stage: what changes at the ports, over how long, in how many steps."""
+    """One stage: the inputs of the ports, its duration and its steps."""
 
     stage: Cell = Field(
         min_length=1, description="name; `prestrain` ramps the materials' pre-stretch from 1"
     )
     duration: Time = Field(1.0, gt=0, description="duration of one cycle")
     steps: int = Field(
-        1, ge=1, description="equal increments per cycle; halved where Newton's method fails"
+        1, ge=1, description="equal increments per cycle; halved if Newton's method fails"
     )
     cycles: int = Field(1, ge=1, description="number of cycles")
     mount: MountInput | None = Field(
@@ -133,29 +134,29 @@ class Stage(Section):
         None, description="input of the stage; keeps its last value if not given"
     )
     mounts: dict[str, MountInput] | None = Field(
-        None, description="if there are several: inputs by name"
+        None, description="inputs by name, if there are several mounts"
     )
     terminals: dict[str, TerminalInput] | None = Field(
-        None, description="if there are several: inputs by name"
+        None, description="inputs by name, if there are several terminals"
     )
     chambers: dict[str, ChamberInput] | None = Field(
-        None, description="if there are several: inputs by name"
+        None, description="inputs by name, if there are several chambers"
     )
     turns: dict[str, TurnInput] | None = Field(
-        None, description="if there are several: inputs by name, such as PLATE.about_Z"
+        None, description="inputs by name, such as PLATE.about_Z, if there are several"
     )
     stop_when: tuple[Condition, ...] = Field((), description="conditions that end the stage")
 
     dynamic: bool = Field(
-        False, description="integrate the equations of motion; the steps are steps in time"
+        False, description="integrate the equations of motion; the steps are time steps"
     )
     follow: Follow | None = Field(
-        None, description="follow the branch of equilibria instead, past limit points"
+        None, description="follow the branch of equilibria past limit points, without inputs"
     )
 
     @property
     def inputs(self) -> list[tuple[Path_, PortKind, str | None, Input]]:
-        """Path, kind and name of each port that is driven, and by what; without a name the one."""
+        """Path, kind, name and input of each driven port; the only port of a kind has name None."""
         found: list[tuple[Path_, PortKind, str | None, Input]] = []
         for kind in KINDS.values():
             alone = getattr(self, kind.name)
@@ -167,7 +168,7 @@ class Stage(Section):
         return found
 
     def driven(self, device: Device) -> dict[str, Input]:
-        """What drives each port that it drives, by its name."""
+        """Inputs of the driven ports, by the name of the port."""
         return {name or _connected(device, kind)[0]: given for _, kind, name, given in self.inputs}
 
     @model_validator(mode="after")
@@ -176,28 +177,30 @@ class Stage(Section):
             return self
         for path, *_ in self.inputs:
             raise ValueAt(
-                path, "a stage that follows a branch takes no input; give it a stage before"
+                path, "a stage that follows a branch takes no input; use a stage before it"
             )
         if self.cycles > 1:
-            raise ValueAt(("cycles",), "a branch is followed once")
+            raise ValueAt(("cycles",), "a stage that follows a branch has one cycle")
         if self.dynamic:
-            raise ValueAt(("dynamic",), "a branch is of equilibria")
+            raise ValueAt(
+                ("dynamic",), "a stage that follows a branch of equilibria cannot be dynamic"
+            )
         if self.stage == "prestrain":
             raise ValueAt(("follow",), "a prestrain stage takes no input")
         return self
 
     @model_validator(mode="after")
     def _cycles_close(self) -> Stage:
-        """A cycle begins where the one before ended, or the input would jump."""
+        """Refuse cycles whose input would jump from the end of one to the start of the next."""
         if self.cycles == 1:
             return self
         driven = [(path, *found) for path, _, _, given in self.inputs for found in given.courses]
         if not driven:
-            raise ValueAt(("cycles",), "only an input of this stage can be repeated; it has none")
+            raise ValueAt(("cycles",), "cycles repeat an input of the stage; this one has none")
         for path, name, values in driven:
             where: Path_ = (*path, *name)
             if isinstance(values, Wave):
-                where, need = ("cycles",), "lists; a wave goes on by itself, over a longer duration"
+                where, need = ("cycles",), "lists; for more periods of a wave, increase duration"
             elif len(values) == 1:
                 need = "a list, such as [0, peak, 0] with units"
             elif values[0] != values[-1]:
@@ -209,12 +212,12 @@ class Stage(Section):
 
 
 def _connected(device: Device, kind: PortKind) -> list[str]:
-    """Names of the ports of a kind but floating conductors."""
+    """Names of the ports of a kind without floating conductors."""
     return [port.name for port in device.of(kind) if not port.floating]
 
 
 def check_inputs(program: Sequence[Stage], device: Device) -> None:
-    """Raise `ValueAt` if a stage drives a port that the device lacks, or the same one twice."""
+    """Raise `ValueAt` if a stage drives a port that the device lacks, or one port twice."""
     for i, stage in enumerate(program):
         seen: set[str] = set()
         for path, kind, name, given in stage.inputs:
@@ -230,7 +233,7 @@ def check_inputs(program: Sequence[Stage], device: Device) -> None:
             if name is not None and name not in known:
                 raise ValueAt(where, f"there is no {kind.name} {name!r}{did_you_mean(name, known)}")
             if getattr(given, "liquid", None) and not device.by_name[name or known[0]].openings:
-                problem = "the chamber has no openings; what is closed has a given volume"
+                problem = "the chamber has no openings; prescribe its volume instead"
                 raise ValueAt((*where, "liquid"), problem)
             if (name or known[0]) in seen:
                 raise ValueAt(where, f"the {kind.name} {name or known[0]!r} is driven twice")

@@ -1,4 +1,4 @@
-"""What the schema says, for editors (JSON schema) and for people (reference page, templates)."""
+"""The schema as JSON schema for editors, and as a reference page in Markdown."""
 
 from __future__ import annotations
 
@@ -30,16 +30,14 @@ def json_text(model: type[BaseModel] = Config) -> str:
 
 
 def _tidy(node: Any) -> Any:
-    """Without titles and null, with units in descriptions and defaults."""
+    """Remove titles and nulls from a JSON schema; add units to descriptions and defaults."""
     if isinstance(node, list):
         return [_tidy(n) for n in node]
     if not isinstance(node, dict):
         return node
     node = {k: _tidy(v) for k, v in node.items() if not (k == "title" and isinstance(v, str))}
     if "properties" in node:
-        order = sorted(
-            node["properties"], key=lambda name: name != "law"
-        )  # what decides comes first
+        order = sorted(node["properties"], key=lambda name: name != "law")  # `law` comes first
         node["properties"] = {name: node["properties"][name] for name in order}
         return node | {"title": node.get("description", "").split(":")[0].rstrip(".")}
     if "discriminator" not in node and not any("required" in c for c in node.get("oneOf", [])):
@@ -70,7 +68,7 @@ def _dimension(node: Node) -> str:
 
 
 def meaning(node: Node) -> str:
-    """Description of a key without its dimension."""
+    """Description of a key, without the dimension that `_tidy` adds."""
     return str(node.get("description", "")).split(f" ({_dimension(node) or '?'}, such as ")[0]
 
 
@@ -85,13 +83,13 @@ def resolve(node: Node, defs: Node) -> Node:
 
 
 def variants(node: Node, defs: Node) -> dict[str, Node]:
-    """Definitions of a discriminated union by their tag."""
+    """Definitions of a discriminated union, by tag."""
     mapping = node.get("discriminator", {}).get("mapping", {})
     return {tag: resolve({"$ref": ref}, defs) for tag, ref in mapping.items()}
 
 
 def kind(node: Node) -> str:
-    """Type of a key's value in words."""
+    """The type of a key's value in words."""
     if dimension := _dimension(node):
         return f"{dimension}, or list" if "anyOf" in node else dimension
     if "anyOf" in node:
@@ -110,12 +108,12 @@ def kind(node: Node) -> str:
 
 
 def reference() -> str:
-    """The page of all keys, in Markdown."""
+    """The reference page of all keys of a config, in Markdown."""
     head = [
         "# All keys of a config",
         "",
         "Made by `dealib schema --reference` from the schema that `dealib check` applies. Values",
-        "with a dimension are written with a unit; any unit of that dimension will do.",
+        "with a dimension are written with a unit; any unit of that dimension is accepted.",
         "",
         "| dimension | example |",
         "|---|---|",
@@ -125,7 +123,7 @@ def reference() -> str:
 
 
 def sections(model: type[BaseModel]) -> Iterator[str]:
-    """The lines of all sections of a file, with a table of its keys each."""
+    """The lines of a reference page: all sections of a file, each with a table of its keys."""
     schema = json_schema(model)
     yield from _Page(schema.get("$defs", {})).section(schema, "")
 
@@ -139,12 +137,12 @@ def _library() -> Iterator[str]:
 
 
 def _sections(node: Node) -> list[Node]:
-    """The sections that may stand somewhere, beside short forms of them."""
+    """The sections among the alternatives of a key's value."""
     return [n for n in (node, *node.get("anyOf", ())) if "$ref" in n or "discriminator" in n]
 
 
 def inner(value: Node) -> tuple[Node, str]:
-    """What a key holds or its items hold, and how its path goes on: '[]', '.KEY' or not."""
+    """The value of a key, or of its items, and what they add to its path: '[]', '.KEY' or ''."""
     for key, on in (("items", "[]"), ("additionalProperties", ".KEY")):
         held = value.get(key)
         if isinstance(held, dict) and _sections(held):
@@ -153,7 +151,7 @@ def inner(value: Node) -> tuple[Node, str]:
 
 
 class _Page:
-    """Sections of a file, each once.
+    """The sections of a reference page; each definition is shown once.
 
     Args:
         defs: Definitions of the schema.
@@ -164,7 +162,7 @@ class _Page:
         alike: dict[str, list[str]] = {}
         for name, node in defs.items():
             alike.setdefault(node.get("description", name), []).append(name)
-        # definitions of one section for several dimensions, by their reference
+        # reference -> common heading of sections that differ in their dimension only
         self._general = {
             f"#/$defs/{name}": str(defs[name]["title"]).partition(" ")[2]
             for names in alike.values()
@@ -175,13 +173,13 @@ class _Page:
     def section(
         self, node: Node, path: str, tag: str = "", without: Collection[str] = ()
     ) -> Iterator[str]:
-        """Its table, and those of the sections below it.
+        """The lines of a section and of the sections in it.
 
         Args:
             node: Its definition.
-            path: Where it stands in the file.
-            tag: What makes it one of several that may stand there.
-            without: Keys that are told elsewhere.
+            path: Its path in the file.
+            tag: The value that chooses it among alternatives, such as 'law `gent`'.
+            without: Keys that are described elsewhere.
         """
         heading = f"## `{path}`" if path else "## Top level"
         yield from ("", f"{heading} with {tag}" if tag else heading, "")

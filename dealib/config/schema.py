@@ -1,4 +1,4 @@
-"""The config: frozen models whose every dimensional value carries its unit in the file."""
+"""The schema of a config: frozen models; in the file every dimensional value has its unit."""
 
 from __future__ import annotations
 
@@ -35,28 +35,28 @@ class Config(Section):
     description: str = Field("", description="one line, shown in reports")
     library: str | None = Field(
         None,
-        description="YAML file with your own materials, in this folder; `library` of a material"
-        " then finds them",
+        description="YAML file with your own materials, in this folder; `library` of a material "
+        "may then name them",
     )
     geometry: Geometry = Field(description="shape and dimensions of the device")
     regions: dict[str, str] | None = Field(
         None,
-        description="for a mesh file: material of each region whose name is not a material",
+        description="for a mesh file: the material of each region that is not named like one",
     )
     mesh: Mesh = Mesh()
     materials: Materials = Field(
-        min_length=1, description="by name; a region is of the material that has its name"
+        min_length=1, description="materials by name; a region has the material of its name"
     )
     terminals: dict[str, Terminal] | None = Field(
-        None, description="electrodes by name; default those of the base"
+        None, description="electrodes by name; default those of the shape"
     )
     mounts: dict[str, Mount] | None = Field(
-        None, description="rigid moving parts by name; default that of the base"
+        None, description="rigid moving parts by name; default that of the shape"
     )
     holds: tuple[Hold, ...] | None = Field(
-        None, description="what does not move; default what the base holds"
+        None, description="fixed boundaries; default those of the shape"
     )
-    chambers: dict[str, Chamber] | None = Field(None, description="closed spaces by name")
+    chambers: dict[str, Chamber] | None = Field(None, description="enclosed volumes by name")
     probes: dict[Name, Probe] | None = Field(
         None, description="additional columns of the history, by name"
     )
@@ -79,13 +79,13 @@ class Config(Section):
 
     @property
     def mesh_file(self) -> str | None:
-        """Gmsh file that is read instead of meshing."""
+        """Gmsh file that replaces the generated mesh; None: the mesh is generated."""
         geometry = self.geometry
         return geometry.file if isinstance(geometry, MeshShape) else self.mesh.file
 
     @cached_property
     def device(self) -> Device:
-        """What it describes: regions, ports, supports; of a mesh file, its names are read."""
+        """The device: regions, ports and supports; the names of a mesh file are read from it."""
         names = None
         if isinstance(self.geometry, MeshShape):
             names = msh.physical_names(Path(self.geometry.file))
@@ -95,13 +95,13 @@ class Config(Section):
         return device(self.geometry, conductors, sections, names, sheet)
 
     def conducts(self, material: str) -> bool:
-        """Whether a material is a conductor here."""
+        """Whether a material is a conductor in this device."""
         strips = isinstance(self.geometry, AnnularStrips)
         return self.materials[material].conducts or (strips and material == "electrode")
 
     @property
     def solids(self) -> dict[str, Material]:
-        """The materials that are in the device."""
+        """The materials of the device's solid regions, by name."""
         used = dict.fromkeys(region.material for region in self.device.solids)
         return {name: self.materials[name] for name in used if name is not None}
 
@@ -112,7 +112,7 @@ class Config(Section):
 
     @property
     def film(self) -> Material:
-        """The first dielectric material that is in the device."""
+        """The first dielectric material of the device."""
         return next(m for name, m in self.solids.items() if not self.conducts(name))
 
     @model_validator(mode="after")
@@ -125,27 +125,29 @@ class Config(Section):
             for path, *_ in first.inputs:
                 raise ValueAt(("program", 0, *path), "a prestrain stage takes no input")
             if first.stop_when:
-                problem = "a prestrain stage always comes to its end"
+                problem = "a prestrain stage cannot be stopped early"
                 raise ValueAt(("program", 0, "stop_when"), problem)
         check_materials(self.materials)
         if self.physics.formulation == "mixed" and self.mesh.order != 2:
             raise ValueAt(("mesh", "order"), "physics.formulation: mixed needs order 2")
         if self.physics.wrinkling != "taut" and self.physics.model != "membrane":
-            raise ValueAt(("physics", "wrinkling"), "tension_field is for physics.model: membrane")
+            raise ValueAt(("physics", "wrinkling"), "tension_field needs physics.model: membrane")
         if self.physics.model == "membrane":
             if self.physics.formulation == "mixed":
                 where = ("physics", "formulation")
-                raise ValueAt(where, "a membrane needs no pressure: it is thin, and free across")
+                raise ValueAt(where, "a membrane has plane stress: use formulation: displacement")
             if isinstance(self.geometry, MeshShape):
-                raise ValueAt(("physics", "model"), "membrane: only of laminates")
+                raise ValueAt(("physics", "model"), "membrane: only for laminates")
         if self.mesh.file is not None and not isinstance(self.geometry, AnnularStrips):
-            raise ValueAt(("mesh", "file"), "only of annular_strips; else geometry.shape: mesh")
-        if not isinstance(self.geometry, MeshShape):  # whose file is found by `load`
+            raise ValueAt(
+                ("mesh", "file"), "only for annular_strips; otherwise use geometry.shape: mesh"
+            )
+        if not isinstance(self.geometry, MeshShape):  # `load` finds its file first
             self.check_device()
         return self
 
     def check_device(self) -> None:
-        """Raise `ValueAt` for what does not fit the device."""
+        """Raise `ValueAt` if a section does not fit the device."""
         if isinstance(self.geometry, AnnularStrips):
             thick, known = self.geometry.electrode_thickness > 0, self.materials
             if thick and "electrode" not in known:
@@ -159,9 +161,9 @@ class Config(Section):
                     "this key is missing; without it the film would be a conductor",
                 )
         elif self.physics.coupling != "energy":
-            raise ValueAt(("physics", "coupling"), "other devices than annular_strips: energy only")
+            raise ValueAt(("physics", "coupling"), "only energy unless the shape is annular_strips")
         if self.regions is not None and not isinstance(self.geometry, MeshShape):
-            raise ValueAt(("regions",), "only of geometry.shape: mesh; a layer names its material")
+            raise ValueAt(("regions",), "only for geometry.shape: mesh; layers name their material")
         check_inputs(self.program, self.device)
         if self.moves:
             self.check_density()
@@ -177,14 +179,14 @@ class Config(Section):
         check_second_films(self)
 
     def check_density(self) -> None:
-        """Raise `ValueAt` if a material in the device has no density."""
+        """Raise `ValueAt` if a material of the device has no density."""
         for name, material in self.solids.items():
             if material.density is None:
-                problem = "this key is missing; what moves in time needs it, such as 960 kg/m^3"
+                problem = "this key is missing; inertia needs it, such as 960 kg/m^3"
                 raise ValueAt(("materials", name, "density"), problem)
 
     def _air_above_stroke(self) -> None:
-        """The air must stay higher than a prescribed displacement of what it covers."""
+        """Raise `ValueAt` if a prescribed displacement nearly reaches the top of the air."""
         laminate = self.device.laminate
         if laminate is None or laminate.air_height == 0:
             return
@@ -204,5 +206,5 @@ class Config(Section):
                 raise ValueAt(
                     ("geometry", "air_height"),
                     f"{laminate.air_height:g} mm of air are too low for the displacement of "
-                    f"{stroke:g} mm {where}; twice the stroke works well",
+                    f"{stroke:g} mm {where}; use about twice the displacement",
                 )

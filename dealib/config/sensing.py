@@ -1,4 +1,4 @@
-"""What a driver or a sensor sees of a device."""
+"""Electrical quantities for drivers and sensors, in the config."""
 
 from __future__ import annotations
 
@@ -21,27 +21,29 @@ class Sensing(Section):
     sheet_resistance: Resistance | None = Field(
         None,
         gt=0,
-        description="of each electrode as mounted, in ohm per square; default none",
+        description="sheet resistance of each electrode as mounted, per square; default: the "
+        "resistance is not computed",
     )
     area_exponent: float = Field(
         1.0,
         ge=0,
-        description="n: the resistance grows as (area ratio)^n; 1: constant volume and resistivity",
+        description="n: the sheet resistance grows as (area ratio)^n; 1: constant volume and "
+        "resistivity",
     )
     charging: bool = Field(
         False,
-        description="the electrodes charge in time through their resistance, from the contact; "
+        description="charge the electrodes in time through their resistance, from the contact; "
         "needs sheet_resistance",
     )
     contact: str | None = Field(
         None,
-        description="end of the base at which electrodes are contacted, by default the last; of a "
-        "mesh file a boundary",
+        description="end of the base at which the electrodes are contacted, by default the last; "
+        "for a mesh file, one of its boundaries",
     )
 
 
 def check_sensing(config: Any) -> None:
-    """Raise `ValueAt` where electrodes cannot be resistive.
+    """Raise `ValueAt` if the device cannot have resistive electrodes.
 
     Args:
         config: A `Config`.
@@ -58,15 +60,15 @@ def check_sensing(config: Any) -> None:
         "another coupling than energy": config.physics.coupling != "energy",
     }.items():
         if sensing.charging and there:
-            raise ValueAt(charging, f"does not go with {other}, which is of equilibria")
+            raise ValueAt(charging, f"cannot be combined with {other}, which needs equilibria")
     where, contact = ("sensing", "sheet_resistance"), ("sensing", "contact")
     if config.device.kinematics.sheet:
-        problem = "not of a membrane, where each electrode has one potential; use model: solid"
+        problem = "not for membranes, where each electrode has one potential; use model: solid"
         raise ValueAt(where, problem)
     laminate = config.device.laminate
     if laminate is None:
         if any(map(config.conducts, config.solids)):
-            problem = "of a mesh file: only of electrodes on faces, since regions have no thickness"
+            problem = "for a mesh file, only electrodes on boundaries can be resistive"
             raise ValueAt(where, problem)
         if sensing.contact is None:
             problem = "name the boundary of the mesh at which the electrodes are contacted"
@@ -74,5 +76,5 @@ def check_sensing(config: Any) -> None:
         return
     ends = [end for end in laminate.base.ends if end is not None]
     if sensing.contact is not None and sensing.contact not in ends:
-        told = did_you_mean(sensing.contact, ends)
-        raise ValueAt(contact, f"the base has no end {sensing.contact!r}{told}")
+        hint = did_you_mean(sensing.contact, ends)
+        raise ValueAt(contact, f"the base has no end {sensing.contact!r}{hint}")

@@ -1,7 +1,7 @@
-"""How large a run will be, before it begins: unknowns, memory, time and disk.
+"""Estimates of a run's unknowns, memory, time and disk space.
 
-Straight lines through measurements, from 4,000 to 600,000 unknowns; the linear solver's memory is
-that of `dealib.config.linear`. Tests hold them to a factor of two.
+They are linear fits to measurements with 4,000 to 600,000 unknowns; `dealib.config.linear` gives
+the memory. Tests check them to a factor of two.
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ from dealib.config.linear import choose, machine_memory, not_iterative
 from dealib.config.schema import Config
 from dealib.errors import ConfigError, ValueAt, by_caller
 
-# a cell, by the order of u and phi: of a plane, of a solid, of a line and of a sheet
+# unknowns per cell by polynomial order: of a plane, a solid, a line and a sheet
 _UNKNOWNS = {1: 3.2, 2: 11.0}
 _UNKNOWNS_SOLID = {1: 5.3, 2: 37.0}
 _UNKNOWNS_LINE, _UNKNOWNS_SHEET = {1: 2.0, 2: 4.0}, {1: 3.0, 2: 12.0}
-_PER_NODE = 2.4  # unknowns a node of the results
-_SECONDS = 1.5, 2e-5  # to start, and for each unknown and step: Newton's iterations
-_DISK = 205.0  # bytes a node and stored step
-_STEPS = 1_000_000  # most of a run: its history would have 500 MB
-_MOST = 10**15  # what is counted to; a config may have more
+_PER_NODE = 2.4  # unknowns per node of the stored fields
+_SECONDS = 1.5, 2e-5  # at the start, and per unknown and step
+_DISK = 205.0  # bytes per node and stored step
+_STEPS = 1_000_000  # largest number of steps: the history would have 500 MB
+_MOST = 10**15  # numbers of a config are capped here, so that products stay finite
 
 
 @dataclass(frozen=True)
 class Size:
-    """What a run takes, about.
+    """Estimate of what a run needs.
 
     Attributes:
-        unknowns: That are solved for.
-        steps: If no increment is cut.
+        unknowns: Number of unknowns.
+        steps: Number of steps, if no increment is halved.
         memory: Bytes.
-        seconds: On one core of 2020.
+        seconds: Time on one processor core of 2020, s.
         disk: Bytes.
     """
 
@@ -57,10 +57,10 @@ def size(config: Config, unknowns: float | None = None) -> Size:
 
     Args:
         config: The config.
-        unknowns: Their number, if it is known.
+        unknowns: Number of unknowns, if it is known.
     """
     if unknowns is None:
-        unknowns = _a_cell(config) * _cells(config)
+        unknowns = _unknowns_per_cell(config) * _cells(config)
     steps = _steps(config)
     stored = {"every": steps + 1, "stage": len(config.program), "none": 0}[config.output.fields]
     return Size(
@@ -73,10 +73,10 @@ def size(config: Config, unknowns: float | None = None) -> Size:
 
 
 def refuse_too_large(config: Config) -> None:
-    """Refuse what this machine cannot hold.
+    """Refuse a run with too many steps, or one that needs more memory than this machine has.
 
     Raises:
-        ValueAt: With the estimate, at the key that makes it so large.
+        ValueAt: With the estimate, at the key that makes the run too large.
     """
     found, memory = size(config), machine_memory()
     for where, steps in ((("program",), found.steps), (("tables", "points"), _tables(config))):
@@ -90,12 +90,12 @@ def refuse_too_large(config: Config) -> None:
         raise ValueAt(
             ("mesh",),
             f"{found}; this machine has {_bytes(memory)} of memory: choose a coarser mesh"
-            + (", or solver.linear: iterative if the body is thick" if other else ""),
+            + (", or solver.linear: iterative if the device is thick" if other else ""),
         )
 
 
 def refuse_full_disk(config: Config, directory: Path) -> None:
-    """Refuse what the disk of a directory cannot hold.
+    """Refuse a run whose results need more space than the disk of its directory has left.
 
     Raises:
         ConfigError: With the estimate.
@@ -109,8 +109,8 @@ def refuse_full_disk(config: Config, directory: Path) -> None:
         )
 
 
-def _a_cell(config: Config) -> float:
-    """Unknowns a cell; the pressure of the mixed form is linear in each."""
+def _unknowns_per_cell(config: Config) -> float:
+    """Unknowns per cell; in the mixed form the pressure is linear in each cell."""
     space, order = config.device.kinematics, config.mesh.order
     if space.sheet:
         return (_UNKNOWNS_SHEET if space.dim == 3 else _UNKNOWNS_LINE)[order]
@@ -122,7 +122,7 @@ def _cells(config: Config) -> float:
     m, laminate = config.mesh, config.device.laminate
     file = config.mesh_file
     if file is not None:
-        return os.path.getsize(file) / 90  # bytes a cell, with its nodes
+        return os.path.getsize(file) / 90  # bytes of the file per cell, with its nodes
     assert laminate is not None
     along = float(_capped(m.columns))
     if laminate.solid:
@@ -143,7 +143,7 @@ def _cells(config: Config) -> float:
 
 
 def _steps(config: Config) -> float:
-    """Rows of the history that the program plans."""
+    """Number of steps that the program plans."""
     stages = [s for s in config.program if s.stage != "prestrain"]
     ramps = (_capped(s.steps) * _capped(s.cycles) for s in stages if s.follow is None)
     paths = (s.follow.states or 10 * s.steps for s in stages if s.follow is not None)
@@ -151,7 +151,7 @@ def _steps(config: Config) -> float:
 
 
 def _tables(config: Config) -> float:
-    """The same of the walk that makes the tables."""
+    """Number of steps over the grid of the tables."""
     if config.tables is None:
         return 0.0
     return float(_capped(math.prod(map(_capped, config.tables.counts))))

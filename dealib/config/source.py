@@ -1,4 +1,4 @@
-"""A YAML text with its positions, so that a message can point at a key."""
+"""A YAML file with the positions of its keys, so that a message can point at them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dealib.reading import read_text, shown
 
 Path_ = tuple[str | int, ...]
 
-_MOST = 1_000_000  # bytes of a file, of which a second's reading takes 50,000
+_MOST = 1_000_000  # largest size of a file, bytes; reading 50,000 bytes takes a second
 
 
 class Source:
@@ -25,10 +25,10 @@ class Source:
     Args:
         path: The file.
         most: Largest size, bytes.
-        within: Key of the file whose section is meant; none: the whole of it.
+        within: Key of the section to use; empty: the whole file.
 
     Raises:
-        ConfigError: If the file cannot be read or is no YAML mapping.
+        ConfigError: If the file cannot be read or is not a YAML mapping.
     """
 
     def __init__(self, path: Path, most: int = _MOST, within: str = "") -> None:
@@ -47,7 +47,7 @@ class Source:
             problem = "a control character, which YAML does not allow"
             raise ConfigError(self._at(line, column, problem)) from None
         except (YAMLError, ValueError) as error:
-            raise ConfigError(f"{path}: no valid YAML: {str(error).splitlines()[0]}") from None
+            raise ConfigError(f"{path}: invalid YAML: {str(error).splitlines()[0]}") from None
         if self.tree is None:
             raise ConfigError(f"{path}: the file is empty{_start()}")
         if not isinstance(self.tree, CommentedMap):
@@ -61,7 +61,7 @@ class Source:
             self.tree = self.tree[within]
 
     def _refuse(self, node: Any, where: Path_) -> None:
-        """Tags such as '!x' have no meaning here, and half an expression is none."""
+        """Refuse tags such as '!x', and expressions that an unquoted comma cuts in two."""
         tag = getattr(getattr(node, "tag", None), "value", None)
         if tag is not None:
             raise ConfigError(self.message(where, f"unknown tag {tag!r}; write the value alone"))
@@ -78,7 +78,10 @@ class Source:
             self._refuse(node[key], (*where, key))
 
     def override(self, assignment: str) -> None:
-        """Apply one `key.sub.0.key=value`; the value is read as YAML.
+        """Change one value.
+
+        Args:
+            assignment: Such as `key.sub.0.key=value`; the value is read as YAML.
 
         Raises:
             ConfigError: If the assignment is malformed or its path does not exist.
@@ -107,10 +110,11 @@ class Source:
         self.overridden[tuple(parts)] = assignment
 
     def message(self, where: Path_, problem: str, at: Literal["key", "value"] = "value") -> str:
-        """The problem, headed by `file:line:col` or the override it came from, with a caret.
+        """A message about a key: its place as `file:line:col` with a caret, or its override.
 
         Args:
-            where: Path of keys and list positions; what is not in the file is looked for above.
+            where: Path of keys and list positions; of a path that is not in the file, the deepest
+                part that is there is shown.
             problem: What is wrong.
             at: Whether the caret points at the key or at its value.
         """
@@ -155,7 +159,7 @@ class Source:
             return head
         start = max(0, column - _WIDE // 2) if len(lines[line]) > _WIDE else 0
         part = lines[line][start : start + _WIDE]
-        part = "".join(c if c.isprintable() else " " for c in part)  # tabs would shift it
+        part = "".join(c if c.isprintable() else " " for c in part)  # tabs would shift the caret
         return f"{head}\n    {part}\n    {' ' * (column - start)}^"
 
 
@@ -165,7 +169,7 @@ _CALL = re.compile(r"[^{}\[\]]*?\([^()]*\)")
 
 
 def _set() -> str:
-    """How overrides are called."""
+    """What stands before an override in messages."""
     return by_caller("--set ", "set ")
 
 
@@ -175,14 +179,14 @@ def _start() -> str:
     )
 
 
-_YAML_PROBLEMS = {  # what the parser says -> what a user can do about it
+_YAML_PROBLEMS = {  # pattern of the parser's message -> our message
     r"duplicate key \"(.*?)\"": "the key '{0}' is given twice",
     r"character '\\t'": "a tab; YAML takes spaces only",
     r"character '(.)' that cannot start": "text that starts with '{0}' needs quotes",
     r"mapping values are not allowed": "a ':' in the wrong place; check the indentation, or put "
     "the text in quotes",
     r"expected the node content": "a value is missing before this",
-    r"expected <block end>": "this line's indentation fits none of the lines above",
+    r"expected <block end>": "the indentation of this line matches no line above",
     r"expected ',' or '([]}])'": "a ',' or the closing '{0}' is missing before this",
     r"unexpected end of stream": "a closing quote is missing",
     r"undefined alias '(.*?)'": "'*{0}' refers to no anchor '&{0}'",
@@ -200,22 +204,22 @@ def _yaml_problem(error: MarkedYAMLError, line: list[str]) -> str:
             hint = "; an expression with commas needs quotes, such as 'end(force_N, \"push\")'"
             within = pattern.startswith("expected ','") and re.search(r"\w\([^)]*,", "".join(line))
             return problem.format(*found.groups()) + (hint if within else "")
-    return f"no valid YAML: {said.strip().splitlines()[0]}"
+    return f"invalid YAML: {said.strip().splitlines()[0]}"
 
 
 def _is_cut(value: Any, rest: list[Any]) -> bool:
-    """Whether a value is an expression that goes on behind a comma, in what follows."""
+    """Whether a value is an expression that continues after a comma, in the values after it."""
     parts = [str(part) for part in (value, *rest)]
     missing = [part.count("(") - part.count(")") for part in parts]
     return isinstance(value, str) and missing[0] > 0 > min(missing)
 
 
 def _no_step(node: Any, part: str | int, above: str) -> str:
-    """Why an override cannot step from a node to its part; empty if it can."""
+    """Why a node of an override's path has no such part; empty if it has or may get it."""
     if isinstance(node, dict):
-        return "" if isinstance(part, str) else f"{above or 'the file'} is no list"
+        return "" if isinstance(part, str) else f"{above or 'the file'} is not a list"
     if not isinstance(node, list):
-        return f"{above} is one value, it has no {part!r}"
+        return f"{above} is a single value without a key {part!r}"
     if isinstance(part, int) and part < len(node):
         return ""
     return f"{above} is a list with items 0 to {len(node) - 1}, it has no {part!r}"

@@ -1,4 +1,4 @@
-"""Conditions that end a stage or a run: a column of the history against a value with its unit."""
+"""Conditions that end a stage or a run: they compare a column of the history with a value."""
 
 from __future__ import annotations
 
@@ -25,11 +25,17 @@ _CONDITION = re.compile(r"\s*([\w.]+)\s*(<=|>=|<|>)\s*(\S.*?)\s*")
 
 
 class StopWhen(Section):
-    """A condition; the first state that meets it is the last one of the stage, or of the run."""
+    """A condition; the first state that meets it is the last one of the stage or run."""
 
-    when: str = Field(description="such as `field_max_MV_per_m > 80 MV/m`: a column of history.csv")
+    when: str = Field(
+        description="a column of history.csv and a value, such as `field_max_MV_per_m > 80 MV/m`"
+    )
     bisect: int = Field(
-        0, ge=0, le=40, description="halvings of the step on which it is met, to come closer"
+        0,
+        ge=0,
+        le=40,
+        description="number of times that the step at which the condition is met is halved, to "
+        "end closer to the value",
     )
 
     @field_validator("when")
@@ -44,22 +50,26 @@ class StopWhen(Section):
 
     @property
     def column(self) -> str:
-        """The column that is watched."""
+        """The column of the history."""
         return self._parts[0]
 
     def met(self, row: Mapping[str, Any], unit: str) -> bool:
-        """Whether a row of the history meets it; never if the row lacks the column.
+        """Whether a row of the history meets the condition; a row without the column does not.
 
         Args:
             row: The row.
-            unit: Of the column.
+            unit: Unit of the column.
         """
         column, sign, limit, given = self._parts
         scale = factor(given, unit) if unit else 1.0
         return column in row and _COMPARE[sign](float(row[column]), limit * scale)
 
     def check(self, unit: str) -> None:
-        """Raise `ValueError` if the limit has not the dimension of its column."""
+        """Raise `ValueError` if the limit is not of its column's dimension.
+
+        Args:
+            unit: Unit of the column.
+        """
         column, _, value, given = self._parts
         if unit and not given:
             raise ValueError(f"'{value:g}' has no unit; {column} is in {unit}")
@@ -70,15 +80,15 @@ class StopWhen(Section):
 
 
 def _read(text: str) -> tuple[str, str, float, str]:
-    """Column, sign, limit and its unit.
+    """Column, comparison, limit and unit of the limit.
 
     Raises:
-        ValueError: If the text is no condition.
+        ValueError: If the text is not a condition.
     """
     found = _CONDITION.fullmatch(text)
     if found is None:
         raise ValueError(
-            f"{text!r} is no condition; expected a column of history.csv, one of "
+            f"{text!r} is not a condition; expected a column of history.csv, one of "
             f"{', '.join(_COMPARE)} and a value, such as 'field_max_MV_per_m > 80 MV/m'"
         )
     column, sign, value = found.groups()
@@ -95,7 +105,7 @@ Condition: TypeAlias = Annotated[
 
 
 def check_conditions(config: Any) -> None:
-    """Raise `ValueAt` if a condition watches a column that this run cannot have."""
+    """Raise `ValueAt` if a condition names a column that this run does not have."""
     known = columns(config)
     parts: list[tuple[tuple[str | int, ...], Any]] = [((), config)]
     parts += [(("program", i), stage) for i, stage in enumerate(config.program)]

@@ -15,16 +15,16 @@ from dealib.section import Section
 from dealib.units import Angle, Length, Stress, Voltage
 
 Points = Annotated[int, Field(ge=3)]
-_POINTS = (13, 9, 7)  # of the first axis, the second and the third, unless given
+_POINTS = (13, 9, 7)  # default numbers of values of the first, second and third axis
 _MOST = 3
 
 
 class Tables(Section):
-    """Tables of two or three ports for system simulation, made by `dealib export`.
+    """Tables over two or three port variables for system simulation, made by `dealib export`.
 
-    Such as {displacement: [0 mm, -2 mm], voltage: [0 V, 2 kV]}: force, charge and capacitance over
-    both. Of several ports of a kind name one or more, {voltage: {left: [0 V, 2 kV]}}; ports that
-    are not named stay as they are at rest.
+    {displacement: [0 mm, -2 mm], voltage: [0 V, 2 kV]} gives force, charge and capacitance over
+    both. If there are several ports of a kind, name one or more: {voltage: {left: [0 V, 2 kV]}}.
+    Ports that are not named keep their value at rest.
     """
 
     displacement: tuple[Length, Length] | dict[str, tuple[Length, Length]] | None = Field(
@@ -43,8 +43,8 @@ class Tables(Section):
         None,
         min_length=2,
         max_length=_MOST,
-        description="number of values of each, in the order of the keys above, equally spaced; "
-        "default 13, 9 and 7",
+        description="number of equally spaced values of each variable, in the order of the keys "
+        "above; default 13, 9 and 7",
     )
 
     @property
@@ -72,13 +72,17 @@ class Tables(Section):
         return {name: np.linspace(*ends, count) for (name, ends), count in pairs}
 
     def check(self, config: Any) -> None:
-        """Raise `ValueAt` if the device has no such tables."""
+        """Raise `ValueAt` if tables of the device cannot be made.
+
+        Args:
+            config: A `Config`.
+        """
         if config.physics.coupling != "energy":
-            raise ValueAt(("physics", "coupling"), "tables come from one potential: energy only")
+            raise ValueAt(("physics", "coupling"), "tables need coupling: energy")
         for name, law in config.solids.items():
             if keys := [key for key in law.memory if key != "branches"]:
                 where = f"materials.{name} has {' and '.join(keys)}"
-                problem = f"{where}: its force depends on what came before, which tables lack"
+                problem = f"{where}: tables cannot hold forces that depend on the load history"
                 raise ValueAt(("tables",), problem)
         for name in self.axes:
             if name not in config.device.variables:
@@ -93,7 +97,7 @@ class Tables(Section):
             if first == last:
                 raise ValueAt(tuple(name.split(".", 1)), "the first and the last value must differ")
         if not 2 <= len(axes) <= _MOST:
-            raise ValueAt((), f"tables are of two or three variables, not of {len(axes)}")
+            raise ValueAt((), f"tables need two or three variables, not {len(axes)}")
         if self.points is not None and len(self.points) != len(axes):
             expected = f"expected a number for each of {', '.join(axes)}"
             raise ValueAt(("points",), f"{expected}, not {len(self.points)} numbers")

@@ -1,4 +1,4 @@
-"""Commented configs to start from; all comments come from the schema."""
+"""Commented configs to start from; their comments come from the schema."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def template(name: str) -> str:
 
 
 def _lines(node: Node, values: Node, defs: Node, indent: str) -> Iterator[str]:
-    """The keys of a section: those with a value, and as comments those that could be added."""
+    """The lines of a section: keys with a value, and as comments the keys that could be added."""
     for key, value in node["properties"].items():
         given, (held, on) = values.get(key), inner(value)
         section = _chosen(value, given, defs)
@@ -152,7 +152,7 @@ def _lines(node: Node, values: Node, defs: Node, indent: str) -> Iterator[str]:
 
 
 def _chosen(value: Node, given: Any, defs: Node) -> Node:
-    """The section that a key holds, of the kind that is given if there is a choice."""
+    """The section that a key holds; of alternatives, the one that the given values choose."""
     tagged = variants(value, defs)
     if tagged:
         by = value["discriminator"]["propertyName"]
@@ -169,7 +169,7 @@ def _line(indent: str, key: str, given: Any, value: Node) -> str:
 
 
 def _stages(value: Node, defs: Node) -> Iterator[str]:
-    """What a stage may hold."""
+    """Comments about the keys of a stage."""
     for key, item in properties(value["items"], defs).items():
         inner = resolve(item, defs)
         means = meaning(item) or inner.get("description", "")

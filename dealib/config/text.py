@@ -1,4 +1,4 @@
-"""YAML of limited depth and size: a text of a few lines can stand for a tree of millions."""
+"""Reading and writing YAML with limits: by aliases, a few lines could expand to millions."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from ruamel.yaml import YAML
 from ruamel.yaml.composer import Composer, ComposerError
 from ruamel.yaml.events import AliasEvent
 
-_DEEPEST = 50
-_LONG = 50_000  # characters of a text that is not kept
-_COPIES = 100_000  # values that aliases may add to those in the text
+_DEEPEST = 50  # levels of nesting
+_LONG = 50_000  # characters; longer texts are not cached
+_COPIES = 100_000  # values that aliases may add
 
 
 class TooLarge(ComposerError):
-    """The text stands for more than it may."""
+    """The text is nested too deeply, or its aliases expand to too many values."""
 
 
 class _Limited(Composer):
-    """Counts what each node stands for, with what its aliases repeat."""
+    """Counts the values of each node, those that aliases repeat included."""
 
     def __init__(self, loader: Any = None) -> None:
         super().__init__(loader)
         self._sizes: dict[int, int] = {}  # of the nodes, by their identity
-        self._open = [0]  # sizes so far of the nodes above the present one
+        self._open = [0]  # sizes of the enclosing nodes, counted so far
         self._copies = 0
 
     def compose_node(self, parent: Any, index: Any) -> Any:
@@ -56,14 +56,14 @@ def load(text: str, typ: Literal["rt", "safe"] = "safe") -> Any:
 
     Args:
         text: The text.
-        typ: 'rt' keeps where everything stands, 'safe' gives plain values.
+        typ: 'rt' keeps positions and comments, 'safe' gives plain values.
 
     Raises:
-        YAMLError, ValueError: If it is none, or too large (`TooLarge`).
+        YAMLError, ValueError: If it is not valid, or too large (`TooLarge`).
     """
     if len(text) > _LONG:
         return _load(text, typ)
-    return copy.deepcopy(_known(text, typ))  # a tenth of the time
+    return copy.deepcopy(_cached(text, typ))  # ten times as fast as reading
 
 
 def _load(text: str, typ: Literal["rt", "safe"]) -> Any:
@@ -72,7 +72,7 @@ def _load(text: str, typ: Literal["rt", "safe"]) -> Any:
     return yaml.load(text)
 
 
-_known = functools.lru_cache(maxsize=16)(_load)  # of a sweep, which reads its base for each case
+_cached = functools.lru_cache(maxsize=16)(_load)  # a sweep reads its base for each case
 
 
 def dump(tree: Any) -> str:

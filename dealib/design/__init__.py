@@ -1,1 +1,1 @@
-"""Designs: how results follow the numbers of a config."""
+"""Designs: sensitivities, optimisation and uncertainty of a config."""

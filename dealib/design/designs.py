@@ -1,4 +1,4 @@
-"""Evaluated designs: asked for by searches in threads, solved by processes, kept on disk."""
+"""Evaluation of designs: threads of a search ask for them, processes solve them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dealib.cases.workers import Pool
 from dealib.design import evaluate
 from dealib.design.evaluate import Evaluation
 from dealib.design.goals import Goals
-from dealib.design.schema import Plan, Point
+from dealib.design.plan import Plan, Point
 from dealib.design.search import Oracle, Seen
 from dealib.errors import ConfigError, PlatformError
 from dealib.reading import shown
@@ -26,12 +26,12 @@ from dealib.results.elements import Array
 from dealib.units import convert
 
 DESIGNS = "designs.csv"
-_STEP = 1e-3  # of the range of a variable whose slopes are differences
+_STEP = 1e-3  # step of finite differences, as a share of a variable's range
 
 
 @dataclass(frozen=True)
 class Evaluated:
-    """A design and what it gives: the model that was solved, its variables, its quantities."""
+    """A design that was solved: its model, its variables and its quantities."""
 
     model: str
     point: Point
@@ -39,18 +39,20 @@ class Evaluated:
 
 
 class Designs:
-    """All designs that are evaluated; threads may ask at once, each is solved once.
+    """All evaluated designs; several threads may ask for one, which is solved once.
 
     Attributes:
-        seen: In the order in which they were solved.
-        solved: How many were not known before.
+        seen: The designs in the order of their evaluation.
+        solved: Number of designs that had to be solved.
+        numbers: Names of the variables that are numbers.
+        ranges: Their bounds, (numbers, 2), in their units.
 
     Args:
         plan: The design.
-        goals: What is asked of it.
-        folder: Where they are kept.
+        goals: Its objectives and limits.
+        folder: Folder of the evaluations.
         jobs: Number of processes.
-        tell: Told of each that is solved.
+        tell: Called with a line about each design.
     """
 
     def __init__(
@@ -74,12 +76,12 @@ class Designs:
         self.stop()
 
     def together(self, calls: Sequence[Callable[[], Any]]) -> list[Any]:
-        """Results of searches that go on at once."""
+        """Results of calls that run in parallel threads."""
         with ThreadPoolExecutor(max(1, len(calls))) as threads:
             try:
                 return list(threads.map(lambda call: call(), calls))
             except BaseException:
-                self.stop()  # the other threads end, too
+                self.stop()  # this ends the other threads as well
                 raise
 
     def stop(self) -> None:
@@ -89,21 +91,26 @@ class Designs:
             pool.__exit__()
 
     def point(self, choice: Point, x: Array) -> Point:
-        """The design of a choice and of numbers from 0 to 1."""
+        """The design of a choice and of numbers that are scaled from 0 to 1."""
         low, high = self.ranges.T if len(x) else np.zeros((2, 0))
         values = np.clip(low + x * (high - low), low, high)
         return {**choice, **dict(zip(self.numbers, map(float, values), strict=True))}
 
     def place(self, point: Point) -> Array:
-        """Its numbers from 0 to 1."""
+        """The numbers of a design, scaled from 0 to 1."""
         values = np.array([float(point[name]) for name in self.numbers])
         return (values - self.ranges[:, 0]) / np.ptp(self.ranges, axis=1) if len(values) else values
 
     def see(self, model: str, point: Point, slopes: bool = True) -> Evaluation:
-        """What a design gives, solved now or earlier.
+        """Evaluate a design, unless it was evaluated before.
+
+        Args:
+            model: solid or membrane.
+            point: Value of each variable.
+            slopes: Whether derivatives by the numbers are computed too.
 
         Raises:
-            PlatformError: If a process cannot go on.
+            PlatformError: If a process has ended unexpectedly.
         """
         changes = as_model(self.plan, model)
         ranges = dict(zip(self.numbers, self.ranges, strict=True))
@@ -117,7 +124,7 @@ class Designs:
             return self._keep(model, point, Evaluation({}, {}, str(error)))
         with self._lock:
             own = self._known.setdefault(job.key, threading.Lock())
-        with own:  # another thread may be at it
+        with own:  # another thread may be solving it
             if (found := evaluate.read(job)) is None:
                 pool = self._free.get()
                 ended: Ended | None = None
@@ -163,11 +170,11 @@ class Designs:
         return row | {"allowed": self.allowed(one), "error": one.found.error}
 
     def allowed(self, one: Evaluated) -> bool:
-        """Whether a design has values, and all of them within the limits."""
+        """Whether a design has values, and is within all limits."""
         return not one.found.error and self.goals.slack(one.found.values) >= 0
 
     def oracle(self, model: str, choice: Point) -> Oracle:
-        """Values and slopes at numbers from 0 to 1, for searches."""
+        """Values and slopes as functions of the scaled numbers, for searches."""
 
         def see(x: Array) -> Seen | None:
             found = self.see(model, self.point(choice, x))
@@ -184,7 +191,7 @@ class Designs:
     def _slopes(
         self, model: str, choice: Point, x: Array, k: int, found: Evaluation
     ) -> list[float]:
-        """Slopes of all quantities along one number; differences where the run gives none."""
+        """Slopes of all quantities by one number; finite differences if the run gives none."""
         name = self.numbers[k]
         variable, key = self.plan.design.variables[name], self.plan.keys[name]
         if all(name in of for of in found.slopes.values()):
@@ -198,7 +205,7 @@ class Designs:
 
 
 def as_model(plan: Plan, model: str) -> dict[str, Any]:
-    """What makes the base a solid or a membrane, which has no air."""
+    """Changes of the config that make it a solid, or a membrane without air."""
     if model == plan.config.physics.model:
         return {}
     air = getattr(plan.config.geometry, "air_height", 0.0) if model == "membrane" else 0.0

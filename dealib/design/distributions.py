@@ -1,4 +1,4 @@
-"""Distributions of numbers of a config, and their correlations as a Gaussian copula."""
+"""Distributions of the numbers of a config, with correlations by a Gaussian copula."""
 
 from __future__ import annotations
 
@@ -24,15 +24,25 @@ _NEEDED = {
 
 
 class Spread(Section):
-    """How a number scatters: `{mean, deviation}` is normal, `{min, max}` uniform."""
+    """Distribution of a number: `{mean, deviation}` is normal, `{min, max}` uniform."""
 
-    mean: Amount | None = Field(None, description="such as '40 um'; default the value of the base")
-    deviation: Amount | None = Field(None, description="standard deviation; '3 %' is of the mean")
-    min: Amount | None = Field(None, description="least value; a normal distribution is cut there")
-    max: Amount | None = Field(None, description="largest value; likewise")
+    mean: Amount | None = Field(
+        None, description="mean, such as '40 um'; default the value of the base"
+    )
+    deviation: Amount | None = Field(
+        None, description="standard deviation; '3 %' is a share of the mean"
+    )
+    min: Amount | None = Field(
+        None, description="lower bound; a normal distribution is truncated there"
+    )
+    max: Amount | None = Field(
+        None, description="upper bound; a normal distribution is truncated there"
+    )
     mode: Amount | None = Field(None, description="most likely value of a triangular distribution")
     distribution: Literal["normal", "lognormal", "uniform", "triangular"] | None = Field(
-        None, description="default normal with a deviation, triangular with a mode, else uniform"
+        None,
+        description="kind of distribution; default normal if there is a mean or a deviation, "
+        "triangular if there is a mode, otherwise uniform",
     )
 
     @property
@@ -44,18 +54,18 @@ class Spread(Section):
 
     @property
     def scatters(self) -> bool:
-        """Whether it is more than bounds."""
+        """Whether a distribution is given, instead of bounds alone."""
         return self.distribution is not None or self.kind != "uniform"
 
     def of(self, unit: str, usual: float) -> Any:
-        """The distribution, of `scipy.stats`.
+        """The distribution as an object of `scipy.stats`.
 
         Args:
-            unit: In which its values are.
-            usual: The mean if none is given.
+            unit: Unit of its values.
+            usual: Mean if none is given.
 
         Raises:
-            ValueAt: If it lacks a key, has one too many, or cannot be.
+            ValueAt: If a key is missing or superfluous, or the values contradict each other.
         """
         from scipy import stats
 
@@ -67,7 +77,7 @@ class Spread(Section):
             if amount is None:
                 continue
             if not needed and (kind != "normal" or name == "mode"):
-                raise ValueAt((name,), f"is no key of a {kind} distribution")
+                raise ValueAt((name,), f"is not a key of a {kind} distribution")
             try:
                 of_mean = name == "deviation" and amount[1] == "%"
                 v[name] = amount[0] / 100 * abs(v["mean"]) if of_mean else convert(amount, unit)
@@ -86,30 +96,35 @@ class Spread(Section):
             raise ValueAt(("deviation",), "must be above 0")
         if kind == "lognormal":
             if m <= 0:
-                raise ValueAt(("mean",), "must be above 0 where the distribution is lognormal")
+                raise ValueAt(("mean",), "must be above 0 in a lognormal distribution")
             wide = np.log1p((s / m) ** 2)
             return stats.lognorm(np.sqrt(wide), scale=m * np.exp(-wide / 2))
         ends = (np.array([low, high]) - m) / s
         if np.diff(stats.norm.cdf(ends)) < 1e-6:
-            raise ValueAt((), "hardly anything of it lies between min and max")
+            raise ValueAt((), "has a probability of nearly 0 between min and max")
         return stats.truncnorm(*ends, m, s) if np.isfinite(ends).any() else stats.norm(m, s)
 
 
 class Correlation(Section):
-    """Of two variables: their coefficient in a Gaussian copula, which is that of normal ones."""
+    """Correlation of two variables: their coefficient in a Gaussian copula."""
 
     between: tuple[str, str] = Field(description="keys of two variables")
-    coefficient: float = Field(gt=-1, lt=1, description="from -1 to 1")
+    coefficient: float = Field(
+        gt=-1,
+        lt=1,
+        description="correlation coefficient, between -1 and 1; that of the variables themselves "
+        "if both are normal",
+    )
 
 
 @dataclass(frozen=True)
 class Joint:
-    """Several variables.
+    """The joint distribution of several variables.
 
     Attributes:
-        names: Of them.
-        distributions: Of each, of `scipy.stats`.
-        correlation: Matrix of their normal scores.
+        names: Names of the variables.
+        distributions: Distribution of each, an object of `scipy.stats`.
+        correlation: Correlation matrix of their normal scores, (variables, variables).
     """
 
     names: tuple[str, ...]
@@ -118,20 +133,21 @@ class Joint:
 
     @property
     def means(self) -> Array:
-        """Mean of each."""
+        """Mean of each variable."""
         return np.array([d.mean() for d in self.distributions])
 
     @property
     def deviations(self) -> Array:
-        """Standard deviation of each."""
+        """Standard deviation of each variable."""
         return np.array([d.std() for d in self.distributions])
 
     def of(self, scores: Array, order: Sequence[int] | None = None) -> Array:
-        """Values at independent normal scores, (n, variables).
+        """Values of the variables, (n, variables).
 
         Args:
-            scores: A variable depends on its own and on those before it.
-            order: Of the variables in `scores`; default as they are.
+            scores: Independent normal scores, (n, variables). The value of a variable depends on
+                its own score and on those before it.
+            order: Numbers of the variables in the order of the scores; default 0, 1, ...
         """
         from scipy.special import ndtr
 
@@ -145,7 +161,10 @@ class Joint:
 def scores(count: int, dimension: int, seed: int) -> Array:
     """Independent normal scores, (count, dimension), by a scrambled Sobol sequence.
 
-    Fewer points, a power of two, are the first ones of more.
+    Args:
+        count: Number of points, a power of two; a larger set begins with the smaller one.
+        dimension: Number of variables.
+        seed: Seed of the scrambling.
     """
     from scipy.special import ndtri
     from scipy.stats import qmc

@@ -1,4 +1,4 @@
-"""A design's quantities, and their slopes, from one run: what workers do for designs."""
+"""Evaluation of a design in a worker: its quantities and their slopes from one run."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from dealib.reading import read_text
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What a design gives.
+    """Result of the evaluation of a design.
 
     Attributes:
-        values: Of each quantity; none if there is an error.
-        slopes: By quantity and key: the derivative in dealib's internal unit of the key. Keys for
-            which none is found are left out.
-        error: Why there are no values.
+        values: Value of each quantity; empty if there is an error.
+        slopes: By quantity and key: the derivative by the key in dealib's internal unit. Keys
+            without a derivative are left out.
+        error: Why there are no values; empty if there are.
     """
 
     values: dict[str, float]
@@ -39,10 +39,10 @@ def evaluate(case: Case, quantities: Mapping[str, str], names: Sequence[str] = (
     Args:
         case: The case.
         quantities: Expressions over the history, by name.
-        names: Keys of numbers; no slopes are found of programs that are not in equilibrium.
+        names: Keys of the numbers; programs that `sensitivity.refuse` refuses have no slopes.
 
     Raises:
-        ConfigError: If a quantity is no number.
+        ConfigError: If the value of a quantity is not a number.
         NotConverged: If a step failed.
     """
     from mpi4py import MPI
@@ -71,7 +71,7 @@ def job(
     quantities: Mapping[str, str],
     names: Sequence[str] = (),
 ) -> Job:
-    """The job that evaluates a design; its result stays in a folder (see `read`)."""
+    """The job that evaluates a design and writes the result to a folder (see `read`)."""
     asked = json.dumps([key(case.config, "none"), dict(quantities), sorted(names)])
     name = hashlib.sha256(asked.encode()).hexdigest()[:16]
     work = functools.partial(_evaluated, dict(quantities), tuple(names))
@@ -79,7 +79,7 @@ def job(
 
 
 def read(job: Job) -> Evaluation | None:
-    """What a job has found, now or earlier; None if it has not ended, or its file is damaged."""
+    """The result of a job; None if there is none, or its file is damaged."""
     try:
         return Evaluation(**json.loads(read_text(_file(job), "evaluation", 1_000_000)))
     except (ConfigError, TypeError, ValueError):
@@ -93,7 +93,7 @@ def _file(job: Job) -> Path:
 def _evaluated(
     quantities: dict[str, str], names: tuple[str, ...], job: Job, report: Report | None
 ) -> None:
-    """Evaluate in a worker; a design that is not possible is an answer, too."""
+    """Evaluate a design in a worker; an impossible design gives a result with its error."""
     try:
         found = evaluate(load(job.base, job.overrides), quantities, names)
     except (ConfigError, NotConverged) as error:

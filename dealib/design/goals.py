@@ -1,4 +1,4 @@
-"""What is asked of a design: objectives and limits, as quantities that every evaluation gives."""
+"""Objectives and limits of a design, by quantities that every evaluation computes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from dealib.config.source import Path_
-from dealib.design.schema import Plan
+from dealib.design.plan import Plan
 from dealib.study.expressions import OF_A_HISTORY, Expression
 
 _SIGNS = {ast.LtE: 1, ast.Lt: 1, ast.GtE: -1, ast.Gt: -1}
@@ -18,8 +18,8 @@ class Aim:
     """An objective.
 
     Attributes:
-        name: Of its quantity.
-        sign: 1 if small values are good, -1 if large ones are.
+        name: Name of its quantity.
+        sign: 1 to minimise it, -1 to maximise it.
     """
 
     name: str
@@ -31,10 +31,10 @@ class Limit:
     """A limit of a quantity.
 
     Attributes:
-        text: As the user wrote it.
-        name: Of its quantity.
-        sign: 1 of an upper limit, -1 of a lower one.
-        bound: The limit.
+        text: The text in the file.
+        name: Name of its quantity.
+        sign: 1 for an upper limit, -1 for a lower one.
+        bound: The limiting value.
     """
 
     text: str
@@ -43,20 +43,26 @@ class Limit:
     bound: float
 
     def slack(self, values: Mapping[str, float]) -> float:
-        """How far values are inside the limit; negative beyond it."""
+        """Distance of the quantity from the limit; negative beyond it."""
         return self.sign * (self.bound - values[self.name])
 
 
 @dataclass(frozen=True)
 class Goals:
-    """Quantities that are evaluated, by name as expressions; objectives, and limits."""
+    """Objectives and limits of a design.
+
+    Attributes:
+        asked: Quantities to evaluate, as expressions by name.
+        aims: The objectives.
+        limits: The limits.
+    """
 
     asked: dict[str, str]
     aims: tuple[Aim, ...]
     limits: tuple[Limit, ...]
 
     def slack(self, values: Mapping[str, float]) -> float:
-        """The least slack of all limits."""
+        """The smallest slack of all limits."""
         return min((limit.slack(values) for limit in self.limits), default=0.0)
 
 
@@ -65,21 +71,22 @@ def goals(plan: Plan, searched: bool = True) -> Goals:
 
     Args:
         plan: The design.
-        searched: Whether its best is looked for, which needs an objective, and bounds.
+        searched: Whether an optimum is searched for, which needs objectives, and bounds instead
+            of distributions.
 
     Raises:
-        ConfigError: If one cannot be, with its place in the file.
+        ConfigError: If a goal is wrong, with its place in the file.
     """
     design, asked = plan.design, dict(plan.quantities)
 
     def ask(text: str, where: Path_) -> str:
-        """Name of a quantity."""
+        """Name of the quantity of an expression, which is added to `asked`."""
         if text not in asked:
             asked[text] = plan.expression(text, where)
         return text
 
     def given(key: str) -> list[tuple[Path_, str]]:
-        """Place and text of what is given alone or in a list."""
+        """Place and text of the values of a key, which may be one or a list."""
         listed = isinstance(plan.source.tree.get(key), list)
         return [((key, k) if listed else (key,), x) for k, x in enumerate(getattr(design, key))]
 
@@ -102,7 +109,7 @@ def goals(plan: Plan, searched: bool = True) -> Goals:
         for left, sign, right in _comparisons(plan, text, here):
             low, high = (_constant(plan, side, here) for side in (left, right))
             if low is not None and high is not None:
-                raise plan.fault(here, f"{text!r} compares numbers alone")
+                raise plan.fault(here, f"{text!r} compares constants; name a quantity")
             if high is not None:
                 limits.append(Limit(text, ask(left, here), sign, high))
             elif low is not None:
@@ -113,21 +120,21 @@ def goals(plan: Plan, searched: bool = True) -> Goals:
 
 
 def _comparisons(plan: Plan, text: str, where: Path_) -> list[tuple[str, int, str]]:
-    """Both sides of each comparison of a limit, with 1 where the left one is the smaller."""
+    """Left side, sign and right side of each comparison; the sign is 1 for <=, -1 for >=."""
     try:
         node = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError):
         node = None
     if not (isinstance(node, ast.Compare) and {type(op) for op in node.ops} <= _SIGNS.keys()):
         example = "'used <= 0.8' or '0 <= max(force_N) <= 2'"
-        raise plan.fault(where, f"{text!r} compares nothing; expected a limit such as {example}")
+        raise plan.fault(where, f"{text!r} is not a comparison; expected {example}")
     sides = [ast.unparse(side) for side in (node.left, *node.comparators)]
     signs = [_SIGNS[type(op)] for op in node.ops]
     return list(zip(sides[:-1], signs, sides[1:], strict=True))
 
 
 def _constant(plan: Plan, text: str, where: Path_) -> float | None:
-    """Value of an expression that is the same for all designs; None of others."""
+    """Value of an expression that is equal for all designs; None for other expressions."""
     found = Expression(plan.expression(text, where), OF_A_HISTORY)
     try:
         return found.constant()

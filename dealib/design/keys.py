@@ -1,4 +1,4 @@
-"""The numbers of a config by their keys, and configs in which one of them is another."""
+"""The numbers of a config by their keys, and configs in which some of them are changed."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from dealib.units import split
 
 _PHYSICAL = ("geometry", "materials", "terminals", "mounts", "chambers", "damping", "limits")
 _PROGRAM = ("sensing", "physics", "program")
-_TIMES = "duration"  # which only what goes on in time feels
+_TIMES = "duration"  # key that has an effect only if results depend on time
 
 Path_ = tuple[str | int, ...]
 
 
 @dataclass(frozen=True)
 class Key:
-    """A number of a config, or equal numbers that one key gives.
+    """A number of a config, or the equal numbers of a list.
 
     Attributes:
-        path: Keys and numbers of list items.
-        value: In the unit.
-        unit: dealib's internal one; empty for plain numbers.
+        path: Keys and list positions.
+        value: Value in `unit`.
+        unit: dealib's internal unit; empty for plain numbers.
     """
 
     path: Path_
@@ -36,7 +36,7 @@ class Key:
 
     @property
     def name(self) -> str:
-        """With dots, as for `--set`."""
+        """The path with dots, as for `--set`."""
         return ".".join(map(str, self.path))
 
 
@@ -45,8 +45,8 @@ def keys(config: Config, wanted: Sequence[str] = ()) -> list[Key]:
 
     Args:
         config: The config.
-        wanted: Their names, or those of sections; default all that the file gives, but for those
-            of mesh, solver, output, probes and conditions.
+        wanted: Names of numbers or of sections; default all numbers that the file gives, except
+            those of mesh, solver, output, probes and conditions.
 
     Raises:
         ConfigError: If there is no such number, or it is zero.
@@ -65,13 +65,13 @@ def keys(config: Config, wanted: Sequence[str] = ()) -> list[Key]:
         if not inside:
             raise ConfigError(f"the config has no number {name!r}{did_you_mean(name, known)}")
         if not inside[0].value:
-            raise ConfigError(f"{name} is 0, of which there is no relative change")
+            raise ConfigError(f"{name} is 0 and cannot be changed by a share of itself")
         found |= {k.name: k for k in inside}
     return list(found.values())
 
 
 def in_time(config: Config) -> bool:
-    """Whether a program without inertia depends on its durations."""
+    """Whether results depend on durations without inertia: by viscosity or by openings."""
     flows = any(port.openings for port in config.device.ports)
     return flows or any(material.memory for material in config.solids.values())
 
@@ -80,16 +80,21 @@ def changed(config: Config, key: Key, factor: float) -> Config:
     """The config with a number multiplied by a factor.
 
     Raises:
-        ConfigError: If it is none then.
+        ConfigError: If that is not a valid config.
     """
     return moved(config, {key: factor})
 
 
 def moved(config: Config, factors: Mapping[Key, float], also: Mapping[str, Any] = {}) -> Config:
-    """The config with some numbers multiplied by factors, and keys of sections given.
+    """The config with some numbers multiplied by factors.
+
+    Args:
+        config: The config.
+        factors: Factor of each number.
+        also: Further changes: keys and values by section.
 
     Raises:
-        ConfigError: If it is none then.
+        ConfigError: If that is not a valid config.
     """
     tree = config.model_dump(exclude_none=True)
     if any(key.path[-1] == "youngs_modulus" for key in factors):
@@ -105,7 +110,7 @@ def moved(config: Config, factors: Mapping[Key, float], also: Mapping[str, Any] 
 
 
 def _tree(config: Config, tree: dict[str, Any]) -> dict[str, Any]:
-    """A dumped config with Young's moduli in place of what they give."""
+    """A dumped config with Young's moduli in place of the moduli that follow from them."""
     found = dict(tree["materials"])
     for name, material in config.materials.items():
         if material.youngs_modulus is not None:
@@ -115,7 +120,7 @@ def _tree(config: Config, tree: dict[str, Any]) -> dict[str, Any]:
 
 
 def _numbers(node: Any, path: Path_ = ()) -> Iterator[Key]:
-    """Numbers of a dumped config; a list of equal ones is one of them, too."""
+    """Numbers of a dumped config; a list of equal numbers counts as one number."""
     if isinstance(node, dict):
         for name, value in node.items():
             yield from _numbers(value, (*path, name))
@@ -135,7 +140,7 @@ def _numbers(node: Any, path: Path_ = ()) -> Iterator[Key]:
 
 
 def _quantity(text: str) -> tuple[float, str] | None:
-    """Number and unit of a quantity as dealib writes it; None for other texts."""
+    """Number and unit of a quantity in the form that dealib writes; None for other texts."""
     try:
         value, unit = split(text)
     except ValueError:

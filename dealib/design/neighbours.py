@@ -1,4 +1,4 @@
-"""Configs with one number changed, which follow a simulation from state to state."""
+"""Configs with one number changed, whose states are computed along with those of a simulation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from dealib.program.simulation import Simulation
 
 @dataclass
 class Side:
-    """A config with one number changed: its numbers, its program, its history."""
+    """A config with one number changed: its numbers in the problem, simulation and history."""
 
     config: Config
     numbers: Numbers
@@ -26,29 +26,29 @@ class Side:
 
 @dataclass(frozen=True)
 class Pair:
-    """A number, and the configs in which it is larger, and smaller if there are both."""
+    """A number with its changed configs: larger and, for central differences, smaller."""
 
     key: Key
     sides: tuple[Side, ...]
 
 
 class Neighbours:
-    """The changed configs, which follow the config itself from state to state (collective).
+    """The changed configs of several numbers (collective).
 
     Attributes:
-        pairs: Of each key.
-        left_out: Why others have none, by key.
+        pairs: The numbers with their changed configs.
+        left_out: Reason for each key that cannot be changed.
 
     Args:
-        base: The simulation of the config itself.
+        base: The simulation of the unchanged config.
         chosen: The numbers.
         needed: Columns of the histories.
-        step: By how much a number is changed, of itself.
-        strict: Whether a key that can have none is a mistake.
-        both: Whether there is one in which the number is smaller, too.
+        step: Relative change of a number.
+        strict: Whether a key that cannot be changed is an error.
+        both: Whether each number is also made smaller, for central differences.
 
     Raises:
-        ConfigError: If it is.
+        ConfigError: If `strict` and a key cannot be changed.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Neighbours:
         base = self._base
         config = changed(base.case.config, key, factor)
         program = tuple(s.model_copy(update={"stop_when": ()}) for s in config.program)
-        config = config.model_copy(update={"program": program, "stop_when": ()})  # the base decides
+        config = config.model_copy(update={"program": program, "stop_when": ()})  # those of base
         numbers = sources.of(config)
         with numbers.placed(base.engine.problem):
             simulation = Simulation(
@@ -90,7 +90,7 @@ class Neighbours:
         return Side(config, numbers, simulation)
 
     def follow(self) -> None:
-        """Follow to the present state."""
+        """Compute the present state of all changed configs from that of the base."""
         engine = self._base.engine
         problem, newton, system = engine.problem, engine.newton, engine.newton.system
         laws, q, linear, own = dict(system.ports), system.q.copy(), -1, Numbers.of(engine.problem)
@@ -102,7 +102,7 @@ class Neighbours:
             system.residual(system.q, system.residual_vector)
 
         for side in (side for pair in self.pairs for side in pair.sides):
-            if system.tangents != linear:  # the first one, or a quantity has needed one of its own
+            if system.tangents != linear:  # at first, or after a quantity has assembled a tangent
                 back()
                 newton.linearise()
                 linear = system.tangents

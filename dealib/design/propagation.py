@@ -1,11 +1,11 @@
-"""From samples to what is known of a quantity: intervals, Sobol indices, probabilities.
+"""Quantiles, Sobol indices and probabilities of quantities, from samples.
 
-The samples' Gaussian process (`surrogate`) is integrated over the distributions. Sobol indices are
-those of variables that may be correlated: first = Var E[y | x] / Var y, total = E Var[y | others] /
-Var y (S. Kucherenko, S. Tarantola and P. Annoni, Comput. Phys. Commun. 183 (2012) 937), the first
-with the estimator of A. Janon et al., ESAIM: P&S 18 (2014) 342. Errors are 95 % ones of a
-jackknife, the same again without each eighth of the samples, and the change from half of the
-points of the integrals.
+A Gaussian process through the samples (`surrogate`) is integrated over the distributions. Sobol
+indices are those of variables that may be correlated: first = Var E[y | x] / Var y, total =
+E Var[y | others] / Var y (S. Kucherenko, S. Tarantola and P. Annoni, Comput. Phys. Commun. 183
+(2012) 937), the first one with the estimator of A. Janon et al., ESAIM: P&S 18 (2014) 342. Errors
+have 95 % confidence. They combine a jackknife, which leaves out each eighth of the samples, with
+the change of the integrals when the number of their points is halved.
 """
 
 from __future__ import annotations
@@ -21,15 +21,22 @@ from dealib.design.surrogate import Surrogate, fit
 from dealib.errors import NotConverged
 from dealib.results.elements import Array
 
-_POINTS, _FEWER = 2**14, 2**12  # that a process is integrated at, and for the jackknife
-_GROUPS = 8
-_SURE = 1.96  # deviations of a 95 % interval
-TRUSTED = 0.9  # share of the variance below which intervals are those of the samples
+_POINTS, _FEWER = 2**14, 2**12  # points of an integral, and of one for the jackknife
+_GROUPS = 8  # of samples, for the jackknife
+_SURE = 1.96  # half width of a 95 % interval in standard deviations
+TRUSTED = 0.9  # explained share of the variance above which the process replaces the samples
 Told = dict[str, tuple[float, float]]  # a number and the half width of its 95 % interval
 
 
 class Known(NamedTuple):
-    """What is known of a quantity: share predicted (see `Surrogate`), intervals, Sobol indices."""
+    """Statistics of a quantity.
+
+    Attributes:
+        explained: Share of the variance that the process predicts, see `Surrogate`.
+        numbers: Mean, standard deviation and quantiles.
+        first: First-order Sobol indices, by variable.
+        total: Total Sobol indices, by variable.
+    """
 
     explained: float
     numbers: Told
@@ -38,7 +45,7 @@ class Known(NamedTuple):
 
 
 class Probability(NamedTuple):
-    """Of an event, with its 95 % interval."""
+    """Probability of an event with its 95 % interval."""
 
     probability: float
     probability_low: float
@@ -46,7 +53,14 @@ class Probability(NamedTuple):
 
     @classmethod
     def of(cls, among: int, count: int, least: int, most: int) -> Probability:
-        """From at how many of some points it happens, and at how many at least and at most."""
+        """Estimate a probability by Wilson's interval.
+
+        Args:
+            among: Number of points.
+            count: Number of points at which the event happens.
+            least: Lower bound of that number, where it is uncertain itself.
+            most: Upper bound of that number.
+        """
         from scipy.stats import binomtest
 
         low, high = (binomtest(k, among).proportion_ci(method="wilson") for k in (least, most))
@@ -54,20 +68,20 @@ class Probability(NamedTuple):
 
 
 class Samples:
-    """Points of distributions, and what a model gives there.
+    """Sample points of distributions, and the quantities of a model there.
 
     Attributes:
         joint: The distributions.
         x: Points (n, variables).
-        values: By quantity, (n,); NaN where there is no result.
-        solved: Which points have results.
+        values: Values by quantity, (n,); NaN where there is no result.
+        solved: Whether a point has a result, (n,).
 
     Args:
         joint: The distributions.
-        model: Takes points, gives quantities.
+        model: Function from points to values by quantity.
         count: Number of points, a power of two.
-        seed: Of their scrambling.
-        levels: Of quantiles, from 0 to 1.
+        seed: Seed of their scrambling.
+        levels: Quantile levels, from 0 to 1.
 
     Raises:
         NotConverged: If too few points have a result.
@@ -87,16 +101,16 @@ class Samples:
         self.solved: Any = np.isfinite(list(self.values.values())).all(axis=0)
         self._processes: dict[str, Surrogate] = {}
         if (n := self.solved.sum()) < max(_GROUPS, 2 * len(joint.names) + 2):
-            raise NotConverged(f"only {n} of {count} samples have a result: too few")
+            raise NotConverged(f"only {n} of {count} samples have a result, which are too few")
 
     @property
     def unsolved(self) -> Probability:
-        """That there is no result."""
+        """Probability that a sample has no result."""
         count = int((~self.solved).sum())
         return Probability.of(len(self.x), count, count, count)
 
     def known(self, name: str) -> Known:
-        """What is known of a quantity."""
+        """Statistics of a quantity."""
         x, y, smooth = self._known(name)
         trusted, group = smooth.explained >= TRUSTED, np.arange(len(y)) % _GROUPS
 
@@ -116,7 +130,13 @@ class Samples:
         return Known(smooth.explained, *of)
 
     def beyond(self, name: str, bound: float, sign: int) -> Probability:
-        """That a quantity is above a bound, or with the sign -1 below it, or has no result."""
+        """Probability that a quantity exceeds a bound, or has no result.
+
+        Args:
+            name: Name of the quantity.
+            bound: The bound.
+            sign: 1: above the bound; -1: below it.
+        """
         _, y, smooth = self._known(name)
         of, spread = y, np.zeros(len(y))
         if smooth.explained >= TRUSTED:
@@ -127,9 +147,8 @@ class Samples:
             return found
         return Probability(*(a + (1 - a) * b for a, b in zip(self.unsolved, found, strict=True)))
 
-    # --- points of the size of 1 -----------------------------------------------------------------
-
     def _plain(self, x: Array) -> Array:
+        """Points, shifted and scaled to a mean of 0 and a deviation of 1."""
         return np.asarray((x - self.joint.means) / self.joint.deviations)
 
     def _known(self, name: str) -> tuple[Array, Array, Surrogate]:
@@ -141,7 +160,7 @@ class Samples:
 
     @cached_property
     def _inside(self) -> Array:
-        """Points of the distributions, without those whose nearest sample has no result."""
+        """Points of the distributions, except those whose nearest sample has no result."""
         from scipy.spatial import cKDTree
 
         every = self._plain(self.joint.of(scores(_POINTS, self.x.shape[1], self._seed + 1)))
@@ -149,7 +168,10 @@ class Samples:
 
     @cached_property
     def _pairs(self) -> Array:
-        """Points in pairs that share one variable, or all the others, (4 a variable, n, ...)."""
+        """Four sets of points for each variable, (4 * variables, n, variables).
+
+        The first two share this variable only, the last two share all variables but this one.
+        """
         count, found = self.x.shape[1], list[Array]()
         a, b = np.split(scores(_POINTS, 2 * count, self._seed + 2), 2, axis=1)
         for k in range(count):
@@ -161,10 +183,10 @@ class Samples:
 
 
 def _indices(values: Array) -> Array:
-    """First-order indices of all variables, then total ones, from values at the pairs."""
+    """First-order indices of all variables, then total ones, from values at `_pairs`."""
     a, b, c, d = (values[k::4] for k in range(4))
     mean = (a + b).mean(axis=1) / 2
     with np.errstate(all="ignore"):
         first = ((a * b).mean(axis=1) - mean**2) / ((a**2 + b**2).mean(axis=1) / 2 - mean**2)
         total = ((c - d) ** 2).mean(axis=1) / np.concatenate([c, d], axis=1).var(axis=1) / 2
-    return np.nan_to_num(np.concatenate([first, total]))  # of a constant: none
+    return np.nan_to_num(np.concatenate([first, total]))  # 0 for a constant quantity

@@ -1,6 +1,7 @@
-"""The search for the least value of an objective within limits, by sequential quadratic programs.
+"""Minimisation of an objective within limits by sequential quadratic programming (SLSQP).
 
-Variables are numbers from 0 to 1. Points without values are stepped back from.
+Variables are scaled from 0 to 1. Points without values get a bad value, from which the search
+steps back.
 """
 
 from __future__ import annotations
@@ -16,9 +17,9 @@ from dealib.results.elements import Array
 
 Seen = Mapping[str, tuple[float, Array]]  # value and slopes of each quantity
 Oracle = Callable[[Array], Seen | None]
-_SAME = 1e-4  # of the range: beside a point without values there are none either
-_PATIENCE = 10  # points in a row that are no better: a kink, where slopes lead nowhere
-_FAR = 10.0  # of scaled values: what a point without values is said to be worse by
+_SAME = 1e-4  # distance from a point without values within which no other one is evaluated
+_PATIENCE = 10  # points in a row without improvement that end a search, as at a kink
+_FAR = 10.0  # by how much the scaled objective of a point without values is worse
 
 
 @dataclass(frozen=True)
@@ -27,8 +28,8 @@ class Best:
 
     Attributes:
         x: The point.
-        beyond: By how much of the limit it is beyond the worst of its limits; 0 if it is allowed.
-        objective: With its sign, the smaller the better.
+        beyond: Largest relative violation of a limit; 0 if there is none.
+        objective: The objective to minimise.
     """
 
     x: Array
@@ -37,7 +38,7 @@ class Best:
 
     @property
     def rank(self) -> tuple[float, float]:
-        """Of two points the one with the smaller rank is better."""
+        """A point with a smaller rank is better."""
         return self.beyond, self.objective
 
 
@@ -47,7 +48,7 @@ class _Enough(Exception):
 
 @dataclass(frozen=True)
 class _State:
-    """Scaled objective and slacks less the margin of a point, with their slopes."""
+    """Scaled objective `f` and slacks minus margin `g` of a point, with their slopes."""
 
     f: float
     df: Array
@@ -56,12 +57,12 @@ class _State:
 
 
 class _Walk:
-    """A search: what it has seen, and the best of it."""
+    """A search: the points that it has seen, and the best of them."""
 
     def __init__(self, see: Oracle, aim: Aim, limits: Sequence[Limit], search: Search) -> None:
-        self._see, self._aim, self._limits, self._search = see, aim, limits, search
+        self._see, self._aim, self._limits, self.search = see, aim, limits, search
         self.best: Best | None = None
-        self.hurry = False  # the first point that is allowed will do
+        self.hurry = False  # whether the search ends at the first point within all limits
         self._known: dict[bytes, _State] = {}
         self._holes: list[Array] = []
         self._last: _State | None = None
@@ -69,10 +70,10 @@ class _Walk:
         self._in_vain = 0
 
     def at(self, x: Array) -> _State:
-        """What is at a point; an invented bad value where nothing is."""
+        """State of a point; if it has no values, that of the last point with a bad objective."""
         x = np.clip(x, 0, 1)
         if (key := x.tobytes()) not in self._known:
-            if len(self._known) >= self._search.evaluations or self._in_vain > _PATIENCE:
+            if len(self._known) >= self.search.evaluations or self._in_vain > _PATIENCE:
                 raise _Enough
             hole = any(np.abs(x - other).max() < _SAME for other in self._holes)
             seen = None if hole else self._see(x)
@@ -93,7 +94,7 @@ class _Walk:
             f = seen[self._aim.name][0]
             self._scales = [abs(f) or 1.0, *(scale(limit, seen) for limit in self._limits)]
         found = ranked(x, seen, self._aim, self._limits)
-        gain = self._search.tolerance * self._scales[0], self._search.tolerance
+        gain = self.search.tolerance * self._scales[0], self.search.tolerance
         best, self._in_vain = self.best, self._in_vain + 1
         if (
             best is None
@@ -106,19 +107,19 @@ class _Walk:
         sign, n = self._aim.sign / self._scales[0], len(x)
         known = list(zip(self._limits, self._scales[1:], strict=True))
         values = {name: value for name, (value, _) in seen.items()}
-        g = np.array([limit.slack(values) / s for limit, s in known]) - self._search.margin
+        g = np.array([limit.slack(values) / s for limit, s in known]) - self.search.margin
         dg = np.array([-limit.sign * seen[limit.name][1] / s for limit, s in known])
         f, df = seen[self._aim.name]
         return _State(sign * f, sign * df, g, dg.reshape(len(known), n))
 
 
 def scale(limit: Limit, seen: Seen) -> float:
-    """By what slacks are divided: the limit, or the value if that is 0."""
+    """Scale of a slack: the limit, or the value of the quantity if the limit is 0."""
     return abs(limit.bound) or abs(seen[limit.name][0]) or 1.0
 
 
 def ranked(x: Array, seen: Seen, aim: Aim, limits: Sequence[Limit]) -> Best:
-    """What a point is worth."""
+    """The objective and the largest violation of a limit at a point."""
     values = {name: value for name, (value, _) in seen.items()}
     beyond = [-limit.slack(values) / scale(limit, seen) for limit in limits]
     return Best(x, max(0.0, *beyond, 0.0), aim.sign * values[aim.name])
@@ -127,14 +128,17 @@ def ranked(x: Array, seen: Seen, aim: Aim, limits: Sequence[Limit]) -> Best:
 def descend(
     see: Oracle, aim: Aim, limits: Sequence[Limit], start: Array, search: Search
 ) -> Best | None:
-    """The best point that a search from a start meets; None if the start has no values.
+    """Search from a start.
 
     Args:
-        see: What is at a point; None if it has no values.
+        see: Values and slopes at a point; None if it has no values.
         aim: The objective.
-        limits: What is allowed.
-        start: From 0 to 1 in each variable.
-        search: How it is done.
+        limits: The limits.
+        start: The first point, from 0 to 1 in each variable.
+        search: Settings of the search.
+
+    Returns:
+        The best point seen; None if the start has no values.
     """
     walk = _Walk(see, aim, limits, search)
     try:
@@ -152,7 +156,7 @@ def descend(
             lambda x: (walk.at(x).g, walk.at(x).dg),
             search,
         )
-        for _ in range(3):  # the last steps may have ended a little beyond
+        for _ in range(3):  # the search may have ended slightly beyond a limit
             here = walk.at(end)
             if not (here.g < 0).any():
                 break
@@ -184,8 +188,8 @@ def _minimum(
 
 
 def _into_limits(walk: _Walk, start: Array) -> None:
-    """Make the worst excess t smaller until a point is allowed."""
-    excess = float(-walk.at(start).g.min()) + walk._search.margin
+    """Minimise the largest violation of limits until a point is within all of them."""
+    excess = float(-walk.at(start).g.min()) + walk.search.margin
     down = np.eye(len(start) + 1)[-1]
 
     def slacks(z: Array) -> tuple[Array, Array]:
@@ -193,16 +197,14 @@ def _into_limits(walk: _Walk, start: Array) -> None:
         return here.g + z[-1], np.column_stack([here.dg, np.ones(len(here.g))])
 
     try:
-        _minimum(
-            np.append(start, excess), lambda z: (z[-1], down), slacks, walk._search, 2 * excess
-        )
+        _minimum(np.append(start, excess), lambda z: (z[-1], down), slacks, walk.search, 2 * excess)
     except _Enough:
         if walk.best is None or walk.best.beyond:
             raise
 
 
 def _nearest(here: _State, x: Array, search: Search) -> Array:
-    """The nearest point that is allowed, if slacks were linear."""
+    """The nearest point within all limits, for slacks linearised at x."""
     return _minimum(
         x,
         lambda y: (float((y - x) @ (y - x)), 2 * (y - x)),

@@ -1,10 +1,9 @@
-"""How results of a program follow the numbers of its config, from one run.
+"""Derivatives of results by the numbers of a config, from one run (direct differentiation).
 
-Each number is changed a little up and down, in the equations of the one problem that is solved. At
-each converged state one step of Newton's method, with the tangent of that state, leads to the
-states of both changed configs. Each has a history and internal states of its own, so that the
-difference of two results is the derivative along the whole program (direct differentiation). Its
-error is of second order in the change.
+Each number is slightly increased and decreased in the equations of the problem. At each converged
+state, one step of Newton's method with the tangent of that state gives the states of both changed
+configs. They have their own histories and internal states, so that the difference of their results
+is the derivative along the whole program. Its error is of second order in the change.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-STEP, _ROUGH = 1e-5, 1e-4  # change of a number, of itself: up and down, and up alone
+STEP, _ROUGH = 1e-5, 1e-4  # relative change of a number: of central, of one-sided differences
 
 
 @dataclass
@@ -45,8 +44,8 @@ class Found:
 
     Attributes:
         values: Value of each quantity.
-        rows: Of `sensitivity.csv`, a quantity and a key each.
-        left_out: Why keys have no sensitivity, by name.
+        rows: Rows of `sensitivity.csv`, one for each quantity and key.
+        left_out: Reason for each key without a sensitivity.
     """
 
     values: dict[str, float]
@@ -65,10 +64,10 @@ def sensitivities(
 
     Args:
         case: The case.
-        of: Quantities: expressions over the history, as in studies. Of a column, its value at the
-            end of a stage is taken. Default: what each port answers there.
+        of: Quantities: expressions over the history, as in studies. A column stands for its value
+            at the end of the stage `at`. Default: the dual of each port's input there.
         key: Names of numbers or of sections of the config; default all that the file gives.
-        at: Name of that stage; default the last one.
+        at: Name of a stage; default the last one.
         comm: MPI communicator.
 
     Returns:
@@ -76,8 +75,8 @@ def sensitivities(
         `key`, `value`, `unit`, `derivative` and `logarithmic`, which is d ln / d ln.
 
     Raises:
-        ConfigError: If something is asked for that is not there, or the program is of a kind whose
-            sensitivities are not found.
+        ConfigError: If a quantity, key or stage is unknown, or the program has no sensitivities
+            (see `refuse`).
         NotConverged: If a step failed.
     """
     import pandas as pd
@@ -94,10 +93,17 @@ def find(
     rough: bool = False,
     reuse: Reuse | None = None,
 ) -> Found:
-    """The same with what is told besides; of no key: values alone, of any program.
+    """Values and sensitivities of quantities (collective); see `sensitivities`.
 
-    `rough` is to 1e-4 in half the time, and leaves out a named key without sensitivities. `reuse`
-    gives the solver.
+    Args:
+        case: The case.
+        of: Quantities.
+        key: Numbers or sections; None: values alone, which any program has.
+        at: Name of a stage.
+        comm: MPI communicator.
+        rough: Take one-sided differences, which are accurate to 1e-4 and need half the time, and
+            leave out named keys without a sensitivity instead of raising an error.
+        reuse: Provides the solver of an earlier case.
     """
     if key is not None:
         with case.blamed():
@@ -131,48 +137,48 @@ def find(
 
 
 def as_function_of_state(config: Config) -> Config:
-    """Without what a history has that is no function of the state alone."""
+    """The config without columns of the history that are no function of the state alone."""
     kept = {"output": {"modes": 0}, "sensing": {"differential": False}}
     changes = {k: getattr(config, k).model_copy(update=v) for k, v in kept.items()}
     return config.model_copy(update=changes)
 
 
 def refuse(config: Config) -> None:
-    """Raise `ValueAt` for a program whose sensitivities are not found."""
-    known = "sensitivities are known of programs in equilibrium only"
+    """Raise `ValueAt` for a program without sensitivities: they need equilibria at given loads."""
+    known = "sensitivities need a program in equilibrium"
     for i, stage in enumerate(config.program):
         where: tuple[str | int, ...] = ("program", i)
         if stage.follow is not None:
-            said = "states on a branch belong to no given load: no sensitivities are found of them"
+            said = "sensitivities need given loads, which states on a branch do not have"
             raise ValueAt((*where, "follow"), said)
         if stage.dynamic:
             raise ValueAt((*where, "dynamic"), known)
         for path, _, _, given in stage.inputs:
             for k, element in enumerate(getattr(given, "bias", None) or ()):
                 if isinstance(element.given[1], SecondFilm):
-                    said = "a second film is solved for itself: no sensitivities are found with it"
+                    said = "there are no sensitivities with a second film, which is solved alone"
                     raise ValueAt((*where, *path, "bias", k, "film"), said)
     if config.sensing.charging:
         raise ValueAt(("sensing", "charging"), known)
     for name, material in config.materials.items():
         for softens in ("mullins", "permanent_set"):
             if getattr(material, softens) is not None:
-                said = "a law that softens has a kink at the largest energy so far, where states "
-                said += "come back to it: no sensitivities are found with it"
+                said = "there are no sensitivities with a softening law, whose stress has a kink "
+                said += "at the largest energy so far"
                 raise ValueAt(("materials", name, softens), said)
 
 
 class _Quantities:
-    """The quantities that are asked for.
+    """The quantities whose sensitivities are computed.
 
     Attributes:
-        stage: At whose end columns are taken.
-        needed: Columns that they read.
+        stage: Stage at whose end columns are taken.
+        needed: Columns that the quantities read.
 
     Args:
         config: The config.
-        of: Expressions; none: what each port answers.
-        at: Stage at whose end columns are taken.
+        of: Expressions; none: the dual of each port's input.
+        at: Stage at whose end columns are taken; None: the last one.
 
     Raises:
         ConfigError: If an expression or the stage is wrong.
@@ -202,9 +208,9 @@ class _Quantities:
 
     @property
     def ends_only(self) -> bool:
-        """Whether states at the ends of stages are enough: nothing else leaves a trace in them."""
-        leaves = in_time(self._config) or any(map(traced, self.needed))
-        return not leaves and all(e.ends_only for e in self._known.values())
+        """Whether only states at the ends of stages are needed, independent of those before."""
+        history = in_time(self._config) or any(map(traced, self.needed))
+        return not history and all(e.ends_only for e in self._known.values())
 
     def _parsed(self, text: str) -> Expression:
         try:
@@ -216,7 +222,7 @@ class _Quantities:
         """Value of a quantity in a history.
 
         Raises:
-            ConfigError: If it is no number.
+            ConfigError: If the value is not a number.
         """
         columns = {k: np.array([r[k] for r in rows]) for k in rows[0] if k != "stage"}
         history = Rows(columns, [row["stage"] for row in rows], config)
@@ -229,7 +235,13 @@ class _Quantities:
             raise ConfigError(f"{by_caller('--of', 'of')}: {error}") from None
 
     def values(self, rows: Sequence[dict[str, Any]], given: set[str]) -> dict[str, float]:
-        """Values in the history of the config itself; of ports whose value is given, the dual."""
+        """Values in the history of the unchanged config.
+
+        Args:
+            rows: The history.
+            given: Names of ports whose primal variable, such as the voltage, is prescribed; by
+                default the dual one is reported for them.
+        """
         chosen = list(self._known)
         if not self._asked:
             chosen = [pair[int(name in given)] for name, pair in self._answers.items()]

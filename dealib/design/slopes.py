@@ -1,4 +1,4 @@
-"""Derivatives of a whole history, found as its run goes on."""
+"""Derivatives of a whole history by numbers of its config, computed during the run."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ FILE = "slopes.npz"
 
 
 class Slopes:
-    """Observes a run, and writes how its history follows numbers of its config (on one rank).
+    """Observer that writes the derivatives of a history by numbers of its config (on one rank).
 
     Args:
-        wanted: Keys of the numbers; those of which there is no derivative are left out.
+        wanted: Keys of the numbers; those without a derivative are left out.
         directory: The run directory.
     """
 
@@ -58,7 +58,7 @@ class Slopes:
 
 
 def known(config: Config) -> bool:
-    """Whether histories of a config have derivatives (see `sensitivity`)."""
+    """Whether the history of a config has derivatives (see `sensitivity.refuse`)."""
     try:
         refuse(config)
     except ValueAt:
@@ -67,7 +67,7 @@ def known(config: Config) -> bool:
 
 
 def read(directory: Path) -> dict[str, dict[str, npt.NDArray[np.float64]]]:
-    """Derivatives of each column by the logarithm of each key; none where there is no file."""
+    """Derivatives by the logarithm of each key, by key and column; empty without a file."""
     try:
         with np.load(directory / FILE, allow_pickle=False) as file:
             found = (dict(zip(map(str, file["columns"]), v, strict=True)) for v in file["values"])
@@ -79,7 +79,7 @@ def read(directory: Path) -> dict[str, dict[str, npt.NDArray[np.float64]]]:
 def _key(config: Config, name: str) -> list[Key]:
     try:
         return keys(config, [name])
-    except ConfigError:  # zero, or no number
+    except ConfigError:  # the key is zero or not a number
         return []
 
 

@@ -1,4 +1,4 @@
-"""What is known of the results of a config whose numbers scatter."""
+"""Scatter of the results of a config whose numbers have distributions."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from dealib.design.designs import as_model
 from dealib.design.distributions import Joint
 from dealib.design.evaluate import Evaluation, job, read
 from dealib.design.goals import goals
+from dealib.design.plan import Plan
 from dealib.design.propagation import Samples
-from dealib.design.schema import Plan
 from dealib.errors import ConfigError, NotConverged, did_you_mean
 from dealib.results.elements import Array
 from dealib.units import convert
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import pandas
 
 Solve = Callable[[Sequence[Job]], Iterable[Ended]]
-UNSOLVED = "no result"  # its row in the summary
+UNSOLVED = "no result"  # name of the summary's row for samples without a result
 
 
 class Tables(NamedTuple):
@@ -38,11 +38,11 @@ class Tables(NamedTuple):
 def uncertainty(
     path: str | Path, jobs: int = 1, cache: str | Path = "runs/studies/cases"
 ) -> tuple[pandas.DataFrame, pandas.DataFrame, pandas.DataFrame]:
-    """Intervals, Sobol indices and probabilities of a design whose variables scatter.
+    """Quantiles, Sobol indices and probabilities of a design whose variables scatter.
 
     Args:
-        path: The file of the design.
-        jobs: Processes that solve its cases; with more than one, a script guards what it does by
+        path: The YAML file of the design.
+        jobs: Number of processes; with more than one, a script needs the guard
             `if __name__ == "__main__":`.
         cache: Folder of solved cases.
 
@@ -62,10 +62,10 @@ def uncertainty(
 
 
 def joint(plan: Plan) -> Joint:
-    """The distributions of a design, in the units of its variables.
+    """The joint distribution of a design, in the units of its variables.
 
     Raises:
-        ConfigError: If there are none, with the place in the file.
+        ConfigError: If a distribution or a correlation is wrong, with its place in the file.
     """
     names = tuple(plan.design.variables)
     matrix = np.eye(len(names))
@@ -73,24 +73,26 @@ def joint(plan: Plan) -> Joint:
         where = ("correlations", k, "between")
         for name in pair.between:
             if name not in names:
-                raise plan.fault(where, f"{name!r} is no variable{did_you_mean(name, names)}")
+                raise plan.fault(where, f"{name!r} is not a variable{did_you_mean(name, names)}")
         i, j = map(names.index, pair.between)
         if matrix[i, j]:
-            raise plan.fault(where, "one variable, or a pair that is given twice")
+            raise plan.fault(where, "expected two different variables, and each pair once")
         matrix[i, j] = matrix[j, i] = pair.coefficient
     if np.linalg.eigvalsh(matrix)[0] < 1e-9:
-        raise plan.fault(("correlations",), "no variables have all these correlations", "key")
+        raise plan.fault(
+            ("correlations",), "these coefficients contradict each other; reduce some", "key"
+        )
     return Joint(names, tuple(map(plan.spread, names)), matrix)
 
 
 def find(plan: Plan, cache: Path, solve: Solve, retry: bool = False) -> Tables:
-    """Solve the cases of a design, and tell what is known of its quantities.
+    """Solve the samples of a design, and compute the statistics of its quantities.
 
     Args:
         plan: The design.
         cache: Folder of solved cases.
-        solve: Solves those that are missing.
-        retry: Solve those again that have no result.
+        solve: Solves the missing cases.
+        retry: Solve cases again that have no result.
 
     Raises:
         ConfigError: If the design is wrong, with the place in the file.
@@ -98,10 +100,10 @@ def find(plan: Plan, cache: Path, solve: Solve, retry: bool = False) -> Tables:
     """
     variables, asked = joint(plan), goals(plan, searched=False)
     if not asked.asked:
-        raise plan.fault((), "name what is asked for, in quantities or subject_to")
+        raise plan.fault((), "name at least one quantity, in quantities or subject_to")
     of, least = plan.design.sampling, 2 * len(variables.names) + 2
     if of.samples < least:
-        said = f"{of.samples} samples are too few for so many variables; take {least} or more"
+        said = f"{of.samples} samples are too few for these variables; take {least} or more"
         raise plan.fault(("sampling", "samples"), said)
     errors: dict[int, str] = {}
     at_means: list[Evaluation] = []
@@ -121,7 +123,7 @@ def find(plan: Plan, cache: Path, solve: Solve, retry: bool = False) -> Tables:
     try:
         samples = Samples(variables, model, of.samples, of.seed, of.quantiles)
     except NotConverged as error:
-        raise NotConverged(f"{error}; the first one: {errors[min(errors)]}") from None
+        raise NotConverged(f"{error}; the first error: {errors[min(errors)]}") from None
     slopes, summary, sobol = at_means[0].slopes, list[dict[str, Any]](), list[dict[str, Any]]()
     for name in asked.asked:
         known = samples.known(name)
@@ -149,20 +151,20 @@ def find(plan: Plan, cache: Path, solve: Solve, retry: bool = False) -> Tables:
 
 
 def _job(plan: Plan, k: int, point: Array, asked: Mapping[str, str], cache: Path) -> Job:
-    """The case of a sample, or, as number 0, that of the means, which finds the slopes, too."""
+    """The job of sample k; number 0 is that of the means, which computes slopes as well."""
     names = tuple(plan.design.variables)
     model = {} if plan.design.model == "auto" else as_model(plan, plan.design.model)
     try:
         case = plan.case(dict(zip(names, point.tolist(), strict=True)), **model)
     except ConfigError as error:
-        said = f"sample {k}: min and max keep a variable where it can be: {error}"
+        said = f"sample {k} is impossible; limit its variables by min and max: {error}"
         raise plan.fault(("variables",), said, "key") from None
     label = f"{plan.name}: {f'sample {k}' if k else 'means'}"
     return job(label, case, cache, asked, () if k else names)
 
 
 def _linear(plan: Plan, variables: Joint, slopes: Mapping[str, float]) -> float:
-    """Deviation by slopes in internal units; NaN if a variable has none."""
+    """Standard deviation by linear propagation of slopes; NaN if a variable has no slope."""
     factors = [convert((1.0, plan.unit(n)), plan.keys[n].unit) for n in variables.names]
     along = np.array([slopes.get(n, np.nan) for n in variables.names])
     parts = along * factors * variables.deviations

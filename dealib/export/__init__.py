@@ -1,1 +1,1 @@
-"""Models of a device for other programs."""
+"""Export of a device as a model for other programs."""

@@ -32,8 +32,8 @@ from dealib.results.tables import Tables
 from dealib.versions import installed
 
 _SOURCE = Path(__file__).with_name("device.c")
-_SLOTS = 8  # variables of a port in device.c
-_SI = {  # unit of a variable, over that of its column
+_SLOTS = 8  # number of variables of a port in device.c
+_SI = {  # SI unit of a variable, and the unit of its column in it
     **{"displacement": ("m", 1e-3), "rotation": ("rad", math.pi / 180), "voltage": ("V", 1e3)},
     **{"pressure": ("Pa", 1e3), "force": ("N", 1.0), "moment": ("N.m", 1e-3)},
     **{"charge": ("C", 1e-6), "volume": ("m3", 1e-9)},
@@ -52,14 +52,14 @@ _BASE = {  # exponents of kg, m, s, A, rad
 
 @dataclass(frozen=True)
 class _Axis:
-    """An axis of the tables, SI.
+    """An axis of the tables in SI units.
 
     Attributes:
         port: Its port.
         grid: Its values.
-        scale: SI unit over that of its column.
-        mass: What moves with it.
-        damping: Force by speed, beside the branches.
+        scale: The unit of its column in SI units.
+        mass: Mass or moment of inertia that moves with the port.
+        damping: Force per speed, in addition to the branches.
     """
 
     port: Port
@@ -70,12 +70,12 @@ class _Axis:
 
     @property
     def moves(self) -> bool:
-        """Whether it has a mass."""
+        """Whether the port has a mass."""
         return self.port.kind.primal.name in _MOTION
 
     @property
     def start(self) -> list[float]:
-        """First values of its variables, as in device.c."""
+        """Start values of its variables, in the order of device.c."""
         x = float(np.clip(0.0, self.grid[0], self.grid[-1]))
         return [x, 0.0, 0.0, x, 0.0, self.mass, self.damping, x]
 
@@ -88,25 +88,25 @@ class _Axis:
         )
         if not self.moves:
             yield 0, f"{name}.{x}", "input", unit, "prescribed"
-            yield 2, f"{name}.{f}", "output", of, "of the device"
+            yield 2, f"{name}.{f}", "output", of, f"{f} of the device"
             return
         speed, mass, damping = _MOTION[x]
         free = f"{name}.{f}_driven"
-        yield 0, f"{name}.{x}_in", "input", unit, f"prescribed; without effect if {free}"
-        yield 1, f"{name}.{f}_in", "input", of, f"on the port from outside, if {free}"
-        yield 2, f"{name}.{f}", "output", of, "that the device holds against, without inertia"
-        yield 3, f"{name}.{x}", "output", unit, "where the port is"
-        yield 4, f"{name}.{x}_rate", "output", speed, f"if {free}, else 0"
-        yield 5, f"{name}.mass", "parameter", mass, f"moves with the port if {free}"
-        yield 6, f"{name}.damping", "parameter", damping, f"beside the branches, if {free}"
-        yield 7, f"{name}.{x}_start", "parameter", unit, f"at the start, at rest, if {free}"
+        yield 0, f"{name}.{x}_in", "input", unit, f"prescribed {x}; without effect if {free}"
+        yield 1, f"{name}.{f}_in", "input", of, f"external {f} on the port, if {free}"
+        yield 2, f"{name}.{f}", "output", of, f"{f} that holds the port in place, without inertia"
+        yield 3, f"{name}.{x}", "output", unit, f"{x} of the port"
+        yield 4, f"{name}.{x}_rate", "output", speed, f"rate of the {x} if {free}, otherwise 0"
+        yield 5, f"{name}.mass", "parameter", mass, f"inertia that moves with the port if {free}"
+        yield 6, f"{name}.damping", "parameter", damping, f"in addition to branches, if {free}"
+        yield 7, f"{name}.{x}_start", "parameter", unit, f"{x} at the start, at rest, if {free}"
 
 
 def compiler() -> list[str]:
-    """The C compiler: $CC, or cc.
+    """The command of the C compiler: $CC, or cc.
 
     Raises:
-        PlatformError: If there is none.
+        PlatformError: If there is none, or the machine is not x86-64.
     """
     command = shlex.split(os.environ.get("CC", "")) or ["cc"]
     if shutil.which(command[0]) is None:
@@ -115,22 +115,25 @@ def compiler() -> list[str]:
             "or name one in the environment variable CC"
         )
     if platform.machine() != "x86_64":
-        raise PlatformError(f"FMUs are made on x86-64 only, and this is {platform.machine()}")
+        raise PlatformError(f"FMUs can be made on x86-64 only, not on {platform.machine()}")
     return command
 
 
 def write_fmu(path: Path, run: Run, tables: Tables, config: Config) -> str:
-    """Write a device's FMU; returns what it holds.
+    """Write the FMU of a device.
 
     Args:
         path: The file; it is replaced.
-        run: The walk of the relaxed device over the grid of its tables.
+        run: The run of the relaxed device over the grid of its tables.
         tables: Its tables, with the rows of their nodes.
         config: The device with its branches.
 
+    Returns:
+        A line about its branches.
+
     Raises:
-        ConfigError: If the run lacks states that branches or masses are found from.
-        PlatformError: Without a compiler, if it fails, or if the disk refuses.
+        ConfigError: If the run lacks fields that branches or masses need.
+        PlatformError: If the compiler is missing or fails, or the file cannot be written.
     """
     points, masses = lumped(run, tables, config)
     axes = list(_axes(tables, config, masses))
@@ -152,7 +155,7 @@ def write_fmu(path: Path, run: Run, tables: Tables, config: Config) -> str:
             for name, text in files.items():
                 file.writestr(f"sources/{name}", text)
     branches = sum(len(point.branches) for point in points)
-    return f"branches at {len(points)} points, {branches} in all" if points else "no branches"
+    return f"branches at {len(points)} points, {branches} altogether" if points else "no branches"
 
 
 def _axes(tables: Tables, config: Config, bodies: Sequence[float]) -> Iterator[_Axis]:
@@ -165,7 +168,7 @@ def _axes(tables: Tables, config: Config, bodies: Sequence[float]) -> Iterator[_
         scale, dual, mass, damping = _SI[stem][1], port.kind.dual.name, 0.0, 0.0
         if stem in _MOTION:
             stiffness = tables.slope(dual + dot + suffix, name, *rest) * _SI[dual][1] / scale
-            # of rotations a body's is in kg mm^2 / deg^2
+            # the inertia of a rotation is in kg mm^2 / deg^2
             mass = port.mass + body * (1.0 if stem == "displacement" else 1e-6 / scale**2)
             rayleigh = config.damping
             damping = rayleigh.mass * mass + rayleigh.stiffness * max(float(stiffness), 0.0)
@@ -173,7 +176,7 @@ def _axes(tables: Tables, config: Config, bodies: Sequence[float]) -> Iterator[_
 
 
 def _header(axes: list[_Axis], tables: Tables, points: list[Point]) -> str:
-    """tables.h: all numbers, SI."""
+    """Text of tables.h: all numbers of the model, in SI units."""
     n, grids = len(axes), list(tables.axes.values())
     found = [1e-3 * tables.derivatives[..., None]]
     for point in points:
@@ -206,7 +209,7 @@ def _header(axes: list[_Axis], tables: Tables, points: list[Point]) -> str:
 
 
 def _quoted(text: str) -> str:
-    """A string of C: whatever the name, nothing but bytes."""
+    """A C string in which each byte is an octal escape, so that any name is valid."""
     return '"' + "".join(f"\\{byte:03o}" for byte in text.encode()) + '"'
 
 
@@ -216,7 +219,7 @@ def _braced(values: Any) -> str:
 
 
 def _description(model: str, guid: str, axes: list[_Axis], config: Config) -> bytes:
-    """modelDescription.xml."""
+    """Text of modelDescription.xml."""
 
     def add(parent: Any, tag: str, **values: object) -> Any:
         given = {k: re.sub(r"[^ -\ud7ff\ue000-\U0010ffff]", " ", str(v)) for k, v in values.items()}
@@ -258,12 +261,13 @@ def _description(model: str, guid: str, axes: list[_Axis], config: Config) -> by
             add(node, "Real", unit=unit, **start)
             outputs += [len(variables)] if causality == "output" else []
         if axis.moves:
-            name, told = f"{axis.port.name}.{axis.port.kind.dual.name}_driven", "moves by its mass"
+            name = f"{axis.port.name}.{axis.port.kind.dual.name}_driven"
+            told = "the port moves under the external load, with its mass"
             known = {"name": name, "valueReference": k, "causality": "parameter"}
             node = add(variables, "ScalarVariable", **known, variability="fixed", description=told)
             add(node, "Boolean", start="false")
     known = {"name": "energy", "valueReference": _SLOTS * len(axes), "causality": "output"}
-    told = "elastic less electric energy, with that of the branches"
+    told = "elastic minus electric energy, including the branches"
     node = add(variables, "ScalarVariable", **known, variability="continuous", description=told)
     add(node, "Real", unit="J")
     structure = add(root, "ModelStructure")

@@ -1,9 +1,9 @@
-"""What a small model of a device needs beside its tables: its branches, and what moves.
+"""Reduced viscosity and inertia of a device, which complete its tables to a model.
 
-Branches are kept at a few points with weights, such that the forces of unit branches between any
-two states of the grid are those of the whole device: an empirical cubature (J. A. Hernandez, M. A.
-Caicedo, A. Ferrer, Comput. Methods Appl. Mech. Engrg. 313 (2017) 687). The strains there are those
-of the relaxed device at the same values of its ports.
+Maxwell branches are kept at a few weighted points. The weights are chosen such that the forces of
+unit branches between any two states of the grid equal those of the whole device: an empirical
+cubature (J. A. Hernandez, M. A. Caicedo, A. Ferrer, Comput. Methods Appl. Mech. Engrg. 313 (2017)
+687). The strains at the points are those of the relaxed device at the same values of its ports.
 """
 
 from __future__ import annotations
@@ -24,17 +24,18 @@ from dealib.results.mesh import Ints, ResultMesh
 from dealib.results.reader import Run
 from dealib.results.tables import Tables
 
-_CELLS, _PAIRS = 400, 300  # cells of a region, and pairs of states, that are looked at
-_POINTS, _MISSING = 12, 1e-3  # at most so many of a material; error, of the range of a force
+_CELLS, _PAIRS = 400, 300  # cells of a region, and pairs of states, that the cubature uses
+_POINTS = 12  # largest number of points of a material
+_MISSING = 1e-3  # tolerance of a force, as a share of its range
 
 
 @dataclass(frozen=True)
 class Point:
-    """A point at which branches are kept.
+    """A point of the cubature, at which branches are kept.
 
     Attributes:
-        branches: Of its material.
-        volume: Unstretched volume that it stands for, mm^3.
+        branches: Branches of its material.
+        volume: Unstretched volume that it represents, mm^3.
         metric: Isochoric metric C at the nodes of the grid, packed, (*grid, 4 or 6).
     """
 
@@ -45,10 +46,10 @@ class Point:
 
 @dataclass(frozen=True)
 class _Part:
-    """Gauss points of some cells of a region, which stand for all of it.
+    """Gauss points of some cells of a region, which represent the whole region.
 
     Attributes:
-        material: Its name.
+        material: Name of the material.
         points: The points.
         nodes: Nodes of the cells.
         volume: Unstretched volumes, (points,), mm^3.
@@ -68,10 +69,10 @@ class _Part:
 
 
 def lumped(run: Run, tables: Tables, config: Config) -> tuple[list[Point], list[float]]:
-    """Points at which branches are kept, and the mass of the body that follows each axis.
+    """Points of the cubature, and the effective mass of the device along each axis.
 
     Args:
-        run: The walk of the relaxed device over the grid.
+        run: The run of the relaxed device over the grid.
         tables: Its tables, with the rows of their nodes.
         config: The device with its branches.
 
@@ -88,7 +89,7 @@ def lumped(run: Run, tables: Tables, config: Config) -> tuple[list[Point], list[
     steps = run.history["step"].to_numpy()[tables.rows]
     if not np.isin(steps, run.stored_steps).all():
         again = by_caller("--overwrite", "overwrite=True")
-        raise ConfigError(f"{run.directory}: its states are not stored; {again} solves them")
+        raise ConfigError(f"{run.directory}: its fields are not stored; solve it again by {again}")
     parts = list(_parts(run.config, run.mesh))
     seen = [[part.see(state) for part in parts] for state in run.states(steps.ravel())]
     metrics: dict[str, list[Array]] = {}
@@ -101,7 +102,7 @@ def lumped(run: Run, tables: Tables, config: Config) -> tuple[list[Point], list[
         density = config.materials[part.material].density or 0.0
         for axis, grid in enumerate(grids):
             square = (np.gradient(u, grid, axis=axis) ** 2).sum(axis=-1) @ part.volume
-            masses[axis] += 1e3 * density * float(square.mean())  # t: kg
+            masses[axis] += 1e3 * density * float(square.mean())  # from t to kg
     for name, law in config.solids.items():
         if law.branches:
             C = np.concatenate(metrics[name], axis=-2)
@@ -129,12 +130,15 @@ def _parts(config: Config, mesh: ResultMesh) -> Iterator[_Part]:
 
 
 def _cubature(tables: Tables, C: Array, stiff: Array) -> dict[int, float]:
-    """Points and their weights: the most telling ones, until they exert the forces of all.
+    """Choose points one by one, with weights, until they exert the forces of all points.
 
     Args:
-        tables: The tables, whose ranges of forces and charges count.
+        tables: The tables, whose ranges of forces and charges scale the tolerance.
         C: Metrics, (*grid, points, size).
         stiff: Modulus times volume of the points, mJ.
+
+    Returns:
+        Weights by number of the point, mJ.
     """
     from scipy.optimize import nnls
 
@@ -144,7 +148,7 @@ def _cubature(tables: Tables, C: Array, stiff: Array) -> dict[int, float]:
     rows = []
     for k, grid in enumerate(tables.axes.values()):
         slope = spline_slope(grid, C, k).reshape(-1, *shape)[here]
-        # relaxed branches exert none
+        # branches exert no force in the state in which they are relaxed
         force = evolution.contract(slope, inner[there]) - evolution.contract(slope, inner[here])
         rows.append(force / 2 / np.ptp(tables.derivatives[..., 2 ** (n - 1 - k)]))
     forces = np.concatenate(rows)

@@ -1,1 +1,1 @@
-"""Studies: variations of configs, solved in parallel, collected, drawn and compared."""
+"""Studies: variations of configs that are solved in parallel, collected, drawn and compared."""

@@ -1,4 +1,4 @@
-"""The table of all cases, the windows that hold, and the sentence of comparison."""
+"""Results of a study: the table of its cases, its curves, windows and sentence of comparison."""
 
 from __future__ import annotations
 
@@ -15,61 +15,13 @@ from dealib.results.elements import Array
 from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression
 from dealib.study.outcome import Outcome
 from dealib.study.plan import Plan, fill, selected
-from dealib.study.schema import INSERT, Axis, Curves, Points, Where, Window
+from dealib.study.schema import INSERT, Curves, Points, Where
 from dealib.study.scope import setting
 from dealib.study.sweep import CaseStatus
+from dealib.study.windows import Verdict, axis_window, between, judge
 
 if TYPE_CHECKING:
     import pandas
-
-_ROUNDING = 1e-6  # of a window's width: a curve that ends on the edge is inside
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """A window against what was computed.
-
-    Attributes:
-        window: The window.
-        smallest: Smallest value.
-        largest: Largest value.
-    """
-
-    window: Window
-    smallest: float
-    largest: float
-
-    @property
-    def holds(self) -> bool:
-        """Whether all values exist and lie in the window."""
-        low = -np.inf if self.window.low is None else self.window.low
-        high = np.inf if self.window.high is None else self.window.high
-        width = high - low if np.isfinite(high - low) else max(abs(self.largest), 1e-300)
-        slack = _ROUNDING * width
-        return bool(self.smallest >= low - slack and self.largest <= high + slack)
-
-    @property
-    def value(self) -> str:
-        """The value, or the range of the values, in words."""
-        if np.isnan(self.smallest):
-            return "no value"
-        unit = f" {self.window.unit}" if self.window.unit else ""
-        scale = max(abs(self.smallest), abs(self.largest))
-        low, high = (
-            f"{0.0 if abs(v) < 1e-9 * scale else v:.4g}" for v in (self.smallest, self.largest)
-        )
-        return (low if low == high else f"{low} .. {high}") + unit
-
-    @property
-    def range(self) -> str:
-        """The window in words."""
-        w = self.window
-        unit = f" {w.unit}" if w.unit else ""
-        if w.low is None:
-            return f"at most {w.high:.4g}{unit}"
-        if w.high is None:
-            return f"at least {w.low:.4g}{unit}"
-        return f"{w.low:.4g}{unit}" if w.low == w.high else f"{w.low:.4g} .. {w.high:.4g}{unit}"
 
 
 @dataclass(frozen=True)
@@ -77,9 +29,9 @@ class Curve:
     """A labelled curve.
 
     Attributes:
-        label: For the legend.
-        x: Abscissae.
-        y: Ordinates.
+        label: Label in the legend.
+        x: Abscissae, (n,).
+        y: Ordinates, (n,).
     """
 
     label: str
@@ -87,7 +39,7 @@ class Curve:
     y: Array
 
     def __post_init__(self) -> None:
-        """Raise ValueError unless both have as many values."""
+        """Raise ValueError if x and y differ in their number of values."""
         if self.x.shape != self.y.shape:
             raise ValueError(f"x has {self.x.size} values, y has {self.y.size}")
 
@@ -95,13 +47,17 @@ class Curve:
 class Results:
     """A study with the results of its cases.
 
+    Attributes:
+        values: Values of each quantity, (cases,), by name; NaN where a case has none.
+        outcomes: Results of solved cases and of partly solved ones, by label.
+
     Args:
         plan: The study.
-        cache: Where the solved cases are.
-        statuses: Where each case stands.
+        cache: Folder of the solved cases.
+        statuses: Status of each case.
 
     Raises:
-        ConfigError: If an expression asks for what the results do not have.
+        ConfigError: If an expression needs something that the results do not have.
     """
 
     def __init__(self, plan: Plan, cache: Cache, statuses: Sequence[CaseStatus]) -> None:
@@ -120,7 +76,7 @@ class Results:
         return f"<Results {self.study.name}: {len(self.statuses)} cases>"
 
     def _quantity(self, name: str) -> Array:
-        """One number a case; NaN where the case has not come to its end, or there is no number."""
+        """One number for each case; NaN if the case is not solved, or has no such value."""
         values = np.full(len(self.statuses), np.nan)
         known = Expression(self.study.quantities[name], OF_A_CASE)
         for i, s in enumerate(self.statuses):
@@ -138,7 +94,7 @@ class Results:
 
     @property
     def faults(self) -> list[str]:
-        """Where an expression gives no number, and why."""
+        """A message for each expression that gives no number."""
         found = []
         for where, (first, *others) in self._faults.items():
             more = f" (and {len(others)} more)" if others else ""
@@ -149,7 +105,7 @@ class Results:
 
     @property
     def table(self) -> pandas.DataFrame:
-        """One row a case: axes, status, quantities, what ended it early, directory."""
+        """One row for each case: axes, status, quantities, early end, directory and error."""
         import pandas as pd
 
         rows = []
@@ -164,7 +120,7 @@ class Results:
         return pd.DataFrame(rows)
 
     def where(self, where: Where) -> list[int]:
-        """Indices of the cases that a selection means."""
+        """Indices of the selected cases."""
         return [i for i, s in enumerate(self.statuses) if selected(s.case, where)]
 
     def over(self, text: str, rows: Sequence[int], solved: bool = False) -> Any:
@@ -173,7 +129,7 @@ class Results:
         Args:
             text: The expression.
             rows: Indices of the cases.
-            solved: Over those that are solved only.
+            solved: Whether only solved cases count.
 
         Raises:
             ValueError: If a case does not exist.
@@ -198,19 +154,19 @@ class Results:
 
     @property
     def windows(self) -> list[Verdict]:
-        """All windows: those of the study, and the axes of its curves."""
+        """The windows of the study, and those of its axes with limits."""
         found = []
         for i, window in enumerate(self.study.windows):
             try:
                 values = np.atleast_1d(self.over(window.value, self.where(window.where)))
             except ValueError as error:
                 raise self.plan.fault(("windows", i, "value"), str(error)) from None
-            found.append(_verdict(window, values.astype(float)))
+            found.append(judge(window, values.astype(float)))
         for i, panel in enumerate(self.study.panels):
             if isinstance(panel, (Curves, Points)) and panel.y.limits is not None:
-                window = _axis_window(panel.title, panel.y, self.study.source)
-                inside = [_between(c.x, c.y, panel.x.limits) for c in self.curves(i)]
-                found.append(_verdict(window, np.concatenate([np.empty(0), *inside])))
+                window = axis_window(panel.title, panel.y, self.study.source)
+                inside = [between(c.x, c.y, panel.x.limits) for c in self.curves(i)]
+                found.append(judge(window, np.concatenate([np.empty(0), *inside])))
         return found
 
     # --- curves ----------------------------------------------------------------------------------
@@ -267,7 +223,7 @@ class Results:
         ]
 
     def chosen(self, index: int) -> Outcome | None:
-        """The one case of a panel that shows fields; None if it has failed."""
+        """The case of a panel that shows fields; None if it is not solved."""
         (row,) = self.where(self.study.panels[index].where)
         status = self.statuses[row]
         return self.outcomes[status.case.label] if status.status == DONE else None
@@ -276,7 +232,7 @@ class Results:
 
     @property
     def comparison(self) -> str:
-        """The sentence, with its numbers; over the cases that are solved, which it then says."""
+        """The sentence with its numbers, over the solved cases; it tells if some are not solved."""
         everything = range(len(self.statuses))
         solved = sum(s.status == DONE for s in self.statuses)
         if not self.study.comparison or not solved:
@@ -298,30 +254,3 @@ def _one(value: Any) -> float:
     if found.size != 1:
         raise ValueError(f"this gives {found.size} numbers, not one")
     return float(found.reshape(()))
-
-
-def _verdict(window: Window, values: Array) -> Verdict:
-    if values.size == 0 or np.isnan(values).any():
-        return Verdict(window, np.nan, np.nan)
-    return Verdict(window, float(values.min()), float(values.max()))
-
-
-def _between(x: Array, y: Array, limits: tuple[float, float] | None) -> Array:
-    if limits is None:
-        return y
-    low, high = sorted(limits)
-    return np.asarray(y[(x >= low) & (x <= high)])
-
-
-def _axis_window(title: str, axis: Axis, source: str) -> Window:
-    assert axis.limits is not None
-    low, high = sorted(axis.limits)
-    label, _, unit = axis.label.partition("(")
-    return Window(
-        name=f"{title}: {label.strip()} within the axis".lstrip(": "),
-        value="0",
-        low=low,
-        high=high,
-        unit=unit.rstrip(")"),
-        source=f"axis of {source}" if source else "axis",
-    )

@@ -1,7 +1,7 @@
 """Expressions of a study: arithmetic over named arrays and a fixed vocabulary of functions.
 
-The text is parsed, never executed: numbers, names, texts, + - * / ** and calls of the functions
-that the scope offers are all there is.
+The text is parsed and never executed. It may contain numbers, names, texts, + - * / ** and calls of
+functions of the scope.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import numpy as np
 
 from dealib.errors import did_you_mean
 
-_LONGEST = 500  # characters; keeps the parser's recursion shallow
-_EXPONENT = 64  # largest one: what is meant is small, and 9 ** 9 ** 9 is a slip
+_LONGEST = 500  # characters; limits the depth of the parser's recursion
+_EXPONENT = 64  # largest exponent; 9 ** 9 ** 9 would take forever
 
 
 def _power(base: Any, exponent: Any) -> Any:
@@ -34,18 +34,18 @@ _BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Pow: _power,
 }
 
-_OF_ENDS = ("abs", "sqrt", "exp", "log", "end", "start", "setting")  # functions, see `ends_only`
+_OF_ENDS = ("abs", "sqrt", "exp", "log", "end", "start", "setting")  # see `Expression.ends_only`
 
 Function = Callable[..., Any]
 
 
 @dataclass(frozen=True)
 class Signature:
-    """What a function of the scope takes and gives.
+    """A function of the scope.
 
     Attributes:
-        arguments: Kinds, each explained in `KINDS`.
-        meaning: For the reference.
+        arguments: Kinds of its arguments, which `KINDS` explains.
+        meaning: Its value, for the reference page.
     """
 
     arguments: tuple[str, ...]
@@ -60,7 +60,7 @@ KINDS = {
     "timing": "name of a part in `timings` of run.json, such as `solve`",
     "field": "name of a field, such as `S_RR`, `E` or `phi`, as in `dealib plot --field`, "
     "but in mm, kV, MV/m, C/m², MPa",
-    "profile": "the same, or `D_n` (charge density on the film's face, C/m²), or `length` (mm)",
+    "profile": "a field, or `D_n` (charge density on the film's face, C/m²), or `length` (mm)",
     "region": "`film`, `top_electrode`, `bottom_electrode`, `air`, `mount_block`, `frame_block`",
     "along": "from 0, the inner end, to 1, the outer end",
     "across": "from 0, the bottom, to 1, the top",
@@ -81,32 +81,37 @@ COMMON: dict[str, tuple[Function, str]] = {
     "last": (lambda x: np.atleast_1d(x)[-1], "the last value"),
 }
 _SETTING = Signature(("key",), "a number of the config, in mm, s, N, kg, MPa, kV, uC")
-# functions that a history offers on top (see `dealib.study.rows`)
+# functions over a history (see `dealib.study.rows`)
 OF_A_HISTORY = {
     "end": Signature(("values", "stage"), "the value at the end of a stage"),
-    "start": Signature(("values", "stage"), "the value where a stage begins"),
-    "during": Signature(("values", "stage"), "the values from there to its end"),
+    "start": Signature(("values", "stage"), "the value at the start of a stage"),
+    "during": Signature(("values", "stage"), "the values from the start of a stage to its end"),
     "at": Signature(
-        ("values", "values", "number"), "the first values where the second first reach a number"
+        ("values", "values", "number"),
+        "the value of the first argument where the second one first reaches the number",
     ),
-    "stroke": Signature(("stage",), "how far the (first) mount moves there under voltage, mm"),
+    "stroke": Signature(
+        ("stage",), "the displacement of the (first) mount under voltage in a stage, mm"
+    ),
     "setting": _SETTING,
 }
-# functions that a case offers besides (see `dealib.study.outcome`)
+# functions over a solved case (see `dealib.study.outcome`)
 OF_A_CASE = {
     **OF_A_HISTORY,
-    "timing": Signature(("timing",), "seconds that a part took, such as solve; see run.json"),
+    "timing": Signature(("timing",), "time that a part of the run took, s; see run.json"),
     "field": Signature(
-        ("profile", "region", "along", "across", "stage"), "a field at a point, at a stage's end"
+        ("profile", "region", "along", "across", "stage"),
+        "a field at a point, at the end of a stage",
     ),
     "along": Signature(
-        ("profile", "region", "across", "stage"), "its values along a region, at the nodes"
+        ("profile", "region", "across", "stage"), "values of a field at the nodes along a region"
     ),
     "across": Signature(
-        ("field", "region", "along", "stage"), "41 values of it through a region's thickness"
+        ("field", "region", "along", "stage"),
+        "41 values of a field through the thickness of a region",
     ),
 }
-# functions that the table of all cases offers on top (see `dealib.study.evaluate`)
+# functions over the table of all cases (see `dealib.study.evaluate`)
 OF_ALL_CASES = {
     "of": Signature(("values", "case"), "the value of one case, by its label"),
     "setting": _SETTING,
@@ -114,14 +119,14 @@ OF_ALL_CASES = {
 
 
 def _name(node: ast.AST) -> str | None:
-    """A name such as 'force_N', or 'force_N.plate' of one of several ports; None if it is none."""
+    """A name such as 'force_N', or 'force_N.plate' of a port; None if a node is not a name."""
     if isinstance(node, ast.Attribute) and (of := _name(node.value)) is not None:
         return f"{of}.{node.attr}"
     return node.id if isinstance(node, ast.Name) else None
 
 
 class _Inliner(ast.NodeTransformer):
-    """Puts expressions in the place of names."""
+    """Replaces names by expressions."""
 
     def __init__(self, known: Mapping[str, str]) -> None:
         self._known = known
@@ -130,7 +135,7 @@ class _Inliner(ast.NodeTransformer):
         return _parsed(self._known[node.id]) if node.id in self._known else node
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.AST:
-        return node  # a column of one of several ports
+        return node  # a column of a port, such as force_N.plate
 
     def visit_Call(self, node: ast.Call) -> ast.AST:
         node.args = [self.visit(argument) for argument in node.args]
@@ -138,10 +143,14 @@ class _Inliner(ast.NodeTransformer):
 
 
 def inlined(text: str, known: Mapping[str, str]) -> str:
-    """An expression with others in the place of their names.
+    """Replace names in an expression by expressions.
+
+    Args:
+        text: The expression.
+        known: Expressions by name.
 
     Raises:
-        ValueError: If it is none.
+        ValueError: If a text is not an expression.
     """
     return ast.unparse(_Inliner(known).visit(_parsed(text)))
 
@@ -152,25 +161,24 @@ def _parsed(text: str) -> ast.expr:
     try:
         return ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError):
-        raise ValueError(f"{text!r} is no arithmetic expression") from None
+        raise ValueError(f"{text!r} is not an arithmetic expression") from None
 
 
 class Expression:
     """A parsed expression.
 
     Args:
-        text: What the user wrote.
+        text: The text of the user.
         extra: Functions of the scope besides the common ones.
 
     Attributes:
         names: The names that it reads.
-        calls: The scope's functions that it calls, each with its arguments: None if they are not
-            known before it is evaluated.
-        ends_only: Whether of a history it reads the states at the ends of stages alone, if it is a
-            number.
+        calls: The functions of `extra` that it calls, with their arguments; None stands for an
+            argument that is known only when it is evaluated.
+        ends_only: Whether it needs only the states at the ends of stages, if its value is a number.
 
     Raises:
-        ValueError: If it is more than arithmetic, or calls an unknown function.
+        ValueError: If it contains anything else, or calls an unknown function.
     """
 
     def __init__(self, text: str, extra: Mapping[str, Signature]) -> None:
@@ -182,7 +190,7 @@ class Expression:
         self.names = self._check(self._tree)
 
     def _check(self, node: ast.AST) -> frozenset[str]:
-        """The names that an expression reads; raises on anything that is not in the language."""
+        """The names that an expression reads; raises ValueError if it is not allowed."""
         if isinstance(node, ast.Constant) and type(node.value) in (int, float, str):
             return frozenset()
         if (name := _name(node)) is not None:
@@ -212,7 +220,7 @@ class Expression:
             raise ValueError(f"{name}() takes {needed} argument{'s' * (needed > 1)}, not {given}")
 
     def _literal(self, node: ast.AST) -> Any:
-        """Value of an argument that reads no names; None otherwise."""
+        """Value of an argument without names; None if it has names."""
         try:
             return self._value(node, {}, {})
         except (ValueError, TypeError, ArithmeticError, KeyError, IndexError):
@@ -220,14 +228,14 @@ class Expression:
 
     @property
     def may_lack(self) -> bool:
-        """Whether there may be no value, since `at` knows of none that is reached."""
+        """Whether it may have no value, since `at` has none if its number is not reached."""
         return any(name == "at" for name, _ in self.calls)
 
     def finite(self, value: float) -> float:
-        """A value of this expression that must be a finite number.
+        """Return a value of this expression if it is finite.
 
         Raises:
-            ValueError: If it is none.
+            ValueError: If it is infinite or NaN.
         """
         if not np.isfinite(value):
             kind = "infinite" if np.isinf(value) else "undefined"
@@ -235,7 +243,7 @@ class Expression:
         return value
 
     def constant(self) -> float | None:
-        """Its value if that can be known before a case is solved."""
+        """Its value if it is the same for all cases; otherwise None."""
         known = not self.names and not self.calls
         return float(self({}, {})) if known else None
 
@@ -248,8 +256,8 @@ class Expression:
         """Evaluate.
 
         Args:
-            names: Values of names, arrays mostly.
-            functions: The functions of the scope.
+            names: Values by name, mostly arrays.
+            functions: The functions of the scope, by name.
 
         Raises:
             ValueError: If a name is unknown or the arithmetic fails.

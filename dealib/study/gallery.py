@@ -1,4 +1,4 @@
-"""One HTML page for all studies: self-contained, for light and dark screens."""
+"""The gallery: one self-contained HTML page for all studies, for light and dark screens."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from typing import Any
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
 
-from dealib.study.evaluate import Results, Verdict
+from dealib.study.evaluate import Results
 from dealib.study.schema import Curves, Points
+from dealib.study.windows import Verdict
 
 
 @dataclass(frozen=True)
@@ -18,9 +19,9 @@ class Entry:
     """A study on the page.
 
     Attributes:
-        results: The study.
-        svg: Its picture.
-        windows: Its windows.
+        results: The results of the study.
+        svg: The SVG of its panels; empty without panels.
+        windows: The comparisons with its windows.
     """
 
     results: Results
@@ -29,12 +30,12 @@ class Entry:
 
     @property
     def picture(self) -> Markup:
-        """The picture, as part of the page."""
+        """The SVG as HTML that is not escaped."""
         return Markup(self.svg)
 
     @property
     def axes(self) -> list[str]:
-        """The ranges of the reference's axes, in words."""
+        """The ranges of axes with limits, in words."""
         found: dict[str, None] = {}
         for panel in self.results.study.panels:
             if not isinstance(panel, (Curves, Points)):
@@ -53,7 +54,7 @@ class Entry:
 
     @property
     def table(self) -> list[dict[str, Any]]:
-        """The windows, one row each."""
+        """The rows of `windows.csv`, one for each window."""
         return [
             {
                 "study": self.results.study.name,
@@ -71,7 +72,7 @@ class Entry:
 
     @property
     def rows(self) -> list[dict[str, Any]]:
-        """The table: labels and quantities of the cases."""
+        """The rows of the table on the page: label, status and quantities of each case."""
         out = []
         for i, s in enumerate(self.results.statuses):
             values = {k: f"{v[i]:.4g}" for k, v in self.results.values.items()}
@@ -80,7 +81,7 @@ class Entry:
 
 
 def page(title: str, entries: Sequence[Entry]) -> str:
-    """The gallery.
+    """The HTML of the gallery.
 
     Args:
         title: Its heading.

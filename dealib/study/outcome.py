@@ -1,4 +1,4 @@
-"""What a solved case offers to expressions: its history, its config and its fields."""
+"""A solved case for expressions: its history, config, timings and fields."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Outcome:
 
     Args:
         case: The case.
-        run: Its run; None for a test of a material.
+        run: Its run; None for a material test.
     """
 
     def __init__(self, case: Planned, run: Run | None) -> None:
@@ -41,7 +41,7 @@ class Outcome:
 
     @cached_property
     def history(self) -> pandas.DataFrame:
-        """The history of the run or of the material's test, or another table of the run."""
+        """The history of the run or of the material test, or the table that the case names."""
         if self.run is not None and self.case.table:
             return spectra.read(self.run.directory / self.case.table)
         if self.run is not None:
@@ -57,7 +57,7 @@ class Outcome:
 
     @property
     def ended_by(self) -> str:
-        """The conditions that ended the run or its stages early, and when; empty without."""
+        """The conditions that ended the run or its stages early, with their times; or ''."""
         stops = () if self.run is None else self.run.info.get("stops", ())
         return "; ".join(f"{s['when']} at {s['time_s']:.4g} s in {s['stage']}" for s in stops)
 
@@ -65,7 +65,7 @@ class Outcome:
         """Value of an expression in the scope of this case.
 
         Raises:
-            ValueError: If a name, a stage or a field does not exist here.
+            ValueError: If the case has no such name, stage or field.
         """
         return expression(self._rows.names, self._functions)
 
@@ -108,7 +108,7 @@ class Outcome:
             ValueError: If its fields are not stored.
         """
         if self.run is None:
-            raise ValueError("a test of a material has no fields")
+            raise ValueError("a material test has no fields")
         step = int(self.history["step"].iloc[self._rows.of(stage)[-1]])
         if step not in self.run.stored_steps:
             raise ValueError(f"the fields at the end of stage {stage!r} are not stored")
@@ -130,7 +130,7 @@ class Outcome:
         """The stored step nearest to a time.
 
         Raises:
-            ValueError: If nothing is stored.
+            ValueError: If no fields are stored.
         """
         steps = [] if self.run is None else self.run.stored_steps
         if not steps:
@@ -139,9 +139,13 @@ class Outcome:
         return int(stored["step"].iloc[int((stored["time_s"] - time).abs().to_numpy().argmin())])
 
     def strip(self, region: str) -> Strip:
-        """A region of the mesh."""
+        """The strip of cells of a region.
+
+        Raises:
+            ValueError: If there is no such region.
+        """
         if self.run is None:
-            raise ValueError("a test of a material has no regions")
+            raise ValueError("a material test has no regions")
         if region not in self._strips:
             self._strips[region] = self._section.layer(region)
         return self._strips[region]

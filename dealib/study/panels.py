@@ -1,6 +1,6 @@
-"""Pictures of a study: curves, points, contours and deformed shapes, one panel each.
+"""Panels of a study: curves, points, contours and deformed shapes.
 
-One SVG serves light and dark pages: text and axes take the colour of the text around it.
+One SVG suits light and dark pages: text and axes have the colour of the text around it.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from dealib.study.evaluate import Curve, Results
 from dealib.study.schema import Axis, Contour, Curves, Points, Reference, Shapes
 
 REFERENCE = "#7d8590"
-# after Okabe and Ito, told apart by colour-blind readers, on light and dark paper
+# after Okabe and Ito, distinguishable by colour-blind readers, on light and dark pages
 COLOURS = ("#2b83ba", "#d55e00", "#009e73", "#c2649c", "#b8860b", "#7570b3", "#56b4e9", "#8c564b")
 _MARKS = "osD^vP*X"
 _WIDTH, _HEIGHT = 4.6, 3.5  # inches of a panel
-_VIEWS = 3  # of a device in space beside each other
-_SETTINGS: dict[Any, Any] = {  # on top of the light theme
+_VIEWS = 3  # views of a three-dimensional device in a row
+_SETTINGS: dict[Any, Any] = {  # changes of the light theme
     "axes.facecolor": "none",
     "figure.facecolor": "none",
     "grid.color": "#8b949e",
@@ -51,8 +51,8 @@ def draw(results: Results) -> tuple[str, bytes] | None:
         results: The study.
 
     Returns:
-        The SVG's text (transparent, its ink is `currentColor`) and a PNG on white; None if the
-        study has no panels.
+        The text of an SVG (transparent, with `currentColor` for text and axes) and a PNG on white;
+        None if the study has no panels.
     """
     study = results.study
     if not study.panels:
@@ -97,7 +97,7 @@ def _fill(figure: Any, results: Results) -> None:
 
 
 def _height(results: Results, index: int) -> float:
-    """Of a row of panels, inches."""
+    """Height of a row of panels, inches."""
     panel = results.study.panels[index]
     if not isinstance(panel, (Contour, Shapes)):
         return _HEIGHT
@@ -140,7 +140,7 @@ def _fields(part: Any, results: Results, index: int) -> None:
 
 
 def _views(part: Any, shapes: list[Shape]) -> None:
-    """A device in space at several steps: views from one point, true to scale."""
+    """A three-dimensional device at several steps, true to scale, from one point of view."""
     render.check_rendering()
     moved = [shape.moved() for shape in shapes]
     every = np.concatenate(moved)
@@ -162,7 +162,7 @@ def _told(shape: Shape) -> str:
 
 
 def _clear(part: Any) -> None:
-    """Make the paper of pictures transparent, as that of the panels is."""
+    """Make the background of pictures transparent, like that of the panels."""
     for image in (image for axis in part.axes for image in axis.images):
         seen = np.asarray(image.get_array())
         image.set_data(np.dstack([seen, 255 * (seen != 255).any(axis=2).astype(np.uint8)]))

@@ -1,4 +1,4 @@
-"""From a study's file to its cases, each with a validated config and a key of its physics."""
+"""Reading of a study: its cases, each with a validated config and the key of its results."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from dealib.reading import read_bytes
 from dealib.study import scope
 from dealib.study.schema import MaterialTest, Study, Where
 
-_CASES = 10_000  # most of a study, of which a hundred are read in some seconds
+_CASES = 10_000  # largest number of cases of a study; reading a hundred takes some seconds
 
 
 @dataclass(frozen=True)
@@ -37,12 +37,12 @@ class Planned:
     Attributes:
         label: Unique within the study.
         axes: Label of each axis of `vary`.
-        work: What is computed: a config, or a test of a material.
-        base: The config's file.
+        work: The config, or the material test.
+        base: The file of the base config.
         overrides: 'key=value' changes of it.
-        key: Of all that its results depend on; none for a test of a material.
-        solve: What solves it; none: it is run.
-        table: File of its run directory that expressions read; none: the history.
+        key: Key of all that its results depend on; empty for a material test.
+        solve: Function that solves it; None: it is run.
+        table: File in its run directory that expressions read; empty: the history.
     """
 
     label: str
@@ -57,7 +57,14 @@ class Planned:
 
 @dataclass(frozen=True)
 class Plan:
-    """A study and its cases."""
+    """A study and its cases.
+
+    Attributes:
+        study: The content of the file.
+        path: The file.
+        cases: The cases.
+        source: The file with the positions of its keys.
+    """
 
     study: Study
     path: Path
@@ -65,7 +72,7 @@ class Plan:
     source: Source
 
     def chosen(self, where: Where) -> list[Planned]:
-        """The cases that a selection means."""
+        """The selected cases."""
         return [case for case in self.cases if selected(case, where)]
 
     def fault(self, where: tuple[str | int, ...], problem: str) -> ConfigError:
@@ -85,7 +92,7 @@ def read(path: Path) -> Plan:
     """Read a study and validate all its cases.
 
     Raises:
-        ConfigError: With one message a mistake, each with its place in a file.
+        ConfigError: With one message for each mistake and its place in a file.
     """
     source = Source(path)
     study = validate(Study, source)
@@ -115,34 +122,34 @@ def read(path: Path) -> Plan:
 
 
 def find(path: Path) -> list[Path]:
-    """The study files that a path means: itself, or all in a folder; configs there are left out.
+    """Find studies.
+
+    Args:
+        path: The file of a study, or a folder; other YAML files in a folder are left out.
 
     Raises:
-        ConfigError: If there are none.
+        ConfigError: If a folder holds no study.
     """
     if not path.is_dir():
         return [path]
     found = sorted(p for p in path.glob("*.yaml") if _is_study(p))
     if not found:
-        raise ConfigError(f"{path}: no study here (a study is a *.yaml file with a title)")
+        raise ConfigError(f"{path}: the folder has no study (a *.yaml file with a title)")
     return found
 
 
 def _is_study(path: Path) -> bool:
-    """Whether a file has a key that neither configs have nor fits and designs."""
+    """Whether a file has a key that configs, fits and designs do not have."""
     own = set(Study.model_fields) - set(Config.model_fields) - {"base", "set", "quantities"}
     try:
         text = read_bytes(path, "study", 1_000_000).decode(errors="replace")
     except ConfigError:
-        return True  # to read it tells what is wrong
+        return True  # reading it reports the error
     return not own.isdisjoint(re.findall(r"^(\w+):", text, re.M))
 
 
-# --- variations ----------------------------------------------------------------------------------
-
-
 def _grid(study: Study) -> Iterator[tuple[dict[str, str], dict[str, Any]]]:
-    """All combinations of the axes: their labels, and the changes they make."""
+    """Labels and changes of all combinations of the axes."""
     axes = [[(name, *point) for point in _points(axis)] for name, axis in study.vary.items()]
     for combination in itertools.product(*axes):
         changes: dict[str, Any] = {}
@@ -164,7 +171,7 @@ def _label(study: Study, axes: Mapping[str, str]) -> str:
 
 
 def fill(template: str, axes: Mapping[str, str]) -> str:
-    """A template such as '{law}, {modulus}' with the labels of a case."""
+    """Insert the labels of a case in a template such as '{law}, {modulus}'."""
     return re.sub(r"\{(\w+)\}", lambda m: axes.get(m[1], m[0]), template)
 
 

@@ -1,4 +1,4 @@
-"""The reference page of studies, from their schema and the table of functions."""
+"""The reference page of studies, made from their schema and the tables of functions."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ _HEAD = """\
 # All keys of a study
 
 Made by `dealib schema --of study --reference` from the schema and the functions that
-`dealib study` applies. The keys of the config that is varied are in [configs](../REFERENCE.md)."""
+`dealib study` uses. The keys of the config that is varied are in [configs](../REFERENCE.md)."""
 
 _EXPRESSIONS = """
 ## Expressions
 
-Numbers, names, `+ - * / **` (exponents up to 64), brackets and functions. Texts stand in double
-quotes. A number that is infinite or undefined fails by name; only `at` may have no value.
+They contain numbers, names, `+ - * / **` (exponents up to 64), brackets and functions; texts are in
+double quotes. An infinite or undefined value is an error; only `at` may have no value.
 
 - Over one case, in `quantities` and in `x` and `y` of panels of kind `curves`: names are columns
   of history.csv, or `stretch`, `strain`, `stress_MPa` of a `material_test`.
 - Over all cases, in `windows`, in panels of kind `points` and in the braces of `comparison`: names
-  are those of `quantities`, each an array with a value of each case that `where` means.
+  are those of `quantities`, each an array with a value for each case that `where` selects.
 
 | function | gives | over one case | over all cases |
 |---|---|---|---|"""
@@ -58,9 +58,9 @@ def _functions() -> Iterator[str]:
 
 def _columns() -> Iterator[str]:
     yield from ("", "## Columns of history.csv", "")
-    yield "Not every run has all of them. Where a device has several ports of a kind, a column of"
-    yield "each has the port's name at its end, such as `voltage_kV.left`, and capacitances that of"
-    yield "a pair, `capacitance_pF.left.right`; probes add columns of their own."
+    yield "Not every run has all of them. If a device has several ports of a kind, each has its own"
+    yield "column with its name at the end, such as `voltage_kV.left`; a capacitance has the names"
+    yield "of a pair, `capacitance_pF.left.right`. Probes add further columns."
     yield from ("", "| column | what | unit | needs |", "|---|---|---|---|")
     for q in QUANTITIES:
         of = f", of each {q.kind.name}" if q.kind is not None else ""

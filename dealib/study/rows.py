@@ -1,4 +1,4 @@
-"""What a history offers to expressions."""
+"""The rows of a history, and the functions over them that expressions use."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class Rows:
     """The rows of a history by stage.
 
     Args:
-        names: Its columns but for the stages.
+        names: Columns of numbers, by name.
         stages: Stage of each row.
-        work: What it is of.
+        work: The config or material test of the history.
     """
 
     def __init__(self, names: Mapping[str, Array], stages: Any, work: Work) -> None:
@@ -43,7 +43,7 @@ class Rows:
         }
 
     def of(self, stage: str) -> Ints:
-        """Rows that a stage has written.
+        """Indices of the rows of a stage.
 
         Raises:
             ValueError: If there are none.
@@ -55,14 +55,14 @@ class Rows:
         return rows
 
     def _from(self, stage: str) -> int:
-        """Row in which a stage begins: the last one of the stage before."""
+        """Index of the row at which a stage begins: the last row of the stage before."""
         return max(int(self.of(stage)[0]) - 1, 0)
 
     def _during(self, x: Array, stage: str) -> Array:
         return x[self._from(stage) : self.of(stage)[-1] + 1]
 
     def _stroke(self, stage: str) -> float:
-        """As `dealib info` tells it: under voltage, against the state just before it."""
+        """Stroke under voltage relative to the state just before it, as in `dealib info`."""
         mounts = self._work.device.of(MOUNT) if isinstance(self._work, Config) else ()
         if not mounts:
             raise ValueError("stroke: there is no mount")
@@ -76,7 +76,7 @@ class Rows:
 
 
 def _at(x: Array, y: Array, value: float) -> float:
-    """X where y first reaches a value, linear between the rows; NaN where it never does."""
+    """X where y first reaches a value, interpolated linearly; NaN if y never does."""
     gap = np.asarray(y, float) - value
     if np.isclose(gap[0], 0):
         return float(x[0])

@@ -1,4 +1,4 @@
-"""Values of stored fields along the strips, as the expressions of a study name them."""
+"""Values of stored fields along and across layers, by the names that expressions use."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ CHARGE, LENGTH = SURFACE_CHARGE.name, "length"
 
 
 def fields(kinematics: Kinematics) -> list[str]:
-    """Names of fields along a region."""
+    """Names of the fields that can be sampled along a region."""
     return [*quantities(kinematics), CHARGE, LENGTH]
 
 
 def check(config: Config, name: str, region: str) -> None:
-    """Raise if a region does not carry a field, or is no layer that fields can run along.
+    """Check whether a field can be sampled in a region.
 
     Raises:
-        ValueError: If so, or if there is no such field.
+        ValueError: If the field does not exist there, or the device is not a laminate in a plane.
     """
     device = config.device
     if device.laminate is None or device.kinematics.dim == 3:
         raise ValueError(
-            f"{name} along {region}: fields run along the layers of a laminate in a plane, which "
-            "this device is not; probes measure at any place"
+            f"{name} along {region}: only laminates in a plane have fields along their layers; use "
+            "probes"
         )
     known = fields(device.kinematics)
     if name not in known:
@@ -46,10 +46,14 @@ def check(config: Config, name: str, region: str) -> None:
 
 
 def fraction(name: str, value: float) -> float:
-    """A fraction of a region's length or thickness.
+    """A fraction of the length or thickness of a region.
+
+    Args:
+        name: Name of the argument, for messages.
+        value: The fraction.
 
     Raises:
-        ValueError: If it is not from 0 to 1.
+        ValueError: If it is not between 0 and 1.
     """
     if not (isinstance(value, (int, float, np.ndarray)) and 0 <= float(value) <= 1):
         told = repr(value) if isinstance(value, str) else str(value)
@@ -61,20 +65,19 @@ _EVERY = {name: q for k in SPACES.values() for name, q in quantities(k).items() 
 
 
 def _nodal(arrays: dict[str, Array], name: str) -> Array:
-    """A scalar nodal field by its short name, such as S_RR or E (length); mm, kV, MPa."""
+    """A scalar nodal field by its name, such as S_RR, or E for its magnitude; mm, kV, MPa."""
     what = _EVERY[name]
     return what.of(arrays) / what.factor
 
 
 def along(strip: Strip, arrays: dict[str, Array], name: str, across: float) -> Array:
-    """A field along a strip, at the positions of its nodes from the inner end outwards.
+    """A field along a strip, at the positions of its nodes from the inner end outwards, (nodes,).
 
-    Besides the fields there are `length` (distance from the inner end on the mesh, mm) and
-    `D_n`, the charge density (C/m^2) on a conductor that touches the strip's bottom (across 0) or
-    top (across 1).
+    Besides the fields there are `length`, the undeformed distance from the inner end (mm), and
+    `D_n`, the charge density (C/m^2) on a conductor at the bottom (across 0) or top (across 1).
 
     Raises:
-        ValueError: If D_n is not asked for at a face.
+        ValueError: For D_n if `across` is neither 0 nor 1.
     """
     s = strip.positions
     if name == LENGTH:
@@ -88,7 +91,7 @@ def along(strip: Strip, arrays: dict[str, Array], name: str, across: float) -> A
 
 
 def across(strip: Strip, arrays: dict[str, Array], name: str, s: float) -> Array:
-    """A field through a strip at a fraction of its length, at equal distances from the bottom."""
+    """A field through the thickness of a strip at a fraction s of its length, (41,)."""
     t = np.linspace(0, 1, 41)
     return strip.at(_nodal(arrays, name), np.full(len(t), s), t)
 

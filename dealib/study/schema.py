@@ -1,4 +1,4 @@
-"""A study: base config and variations, what to collect, what to draw, what to compare with."""
+"""Schema of a study: base config, variations, quantities, panels and windows."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _WHERE = "only cases with these labels on an axis of `vary`"
 
 
 class MaterialTest(Section):
-    """A test of a material alone, instead of a run: columns `stretch`, `strain`, `stress_MPa`."""
+    """A test of a material alone; its columns are `stretch`, `strain` and `stress_MPa`."""
 
     material: Material = Field(
-        description="a law and its parameters, as one of `materials` of a config"
+        description="a law and its parameters, as in `materials` of a config"
     )
     mode: Literal["uniaxial", "equal-biaxial", "pure shear"] = Field(
         "uniaxial", description="mode of loading; also the name of the only stage"
@@ -36,11 +36,11 @@ class MaterialTest(Section):
 class Axis(Section):
     """One axis of a picture."""
 
-    value: str = Field(description="expression that is drawn")
+    value: str = Field(description="expression of the values on the axis")
     label: str = Field(min_length=1, description="label of the axis, with its unit")
     limits: Limits | None = Field(
         None,
-        description="range of the axis, and of what is compared; a falling range is drawn reversed",
+        description="range of the axis, in which values are expected; a falling range reverses it",
     )
     scale: Literal["linear", "log"] = Field("linear", description="scale of the axis")
 
@@ -52,14 +52,14 @@ class Axis(Section):
 
 
 class Reference(Section):
-    """Points or a line to compare with."""
+    """Reference values, drawn as points or a line."""
 
     label: str = Field(description="name in the legend")
     x: tuple[float, ...] = Field(min_length=1, description="values in the unit of the axis")
     y: tuple[float, ...] = Field(
-        min_length=1, description="as many values, in the unit of the axis"
+        min_length=1, description="the same number of values, in the unit of the axis"
     )
-    style: Literal["line", "points"] = Field("points", description="how it is drawn")
+    style: Literal["line", "points"] = Field("points", description="drawn as points or as a line")
 
     @model_validator(mode="after")
     def _pairs(self) -> Reference:
@@ -74,7 +74,7 @@ class _Panel(Section):
 
 
 class Curves(_Panel):
-    """One curve a case: x and y are expressions over its history and fields."""
+    """One curve for each case: x and y are expressions over its history and fields."""
 
     kind: Literal["curves"]
     x: Axis
@@ -82,44 +82,44 @@ class Curves(_Panel):
     label: str | None = Field(
         None, description="label of a curve, such as '{law}'; default that of the case"
     )
-    references: tuple[Reference, ...] = Field((), description="what to compare with")
+    references: tuple[Reference, ...] = Field((), description="reference values")
 
 
 class Points(_Panel):
-    """One point a case: x and y are expressions over the quantities."""
+    """One point for each case: x and y are expressions over the quantities."""
 
     kind: Literal["points"]
     x: Axis
     y: Axis
     group: str | None = Field(None, description="axis of `vary`: one curve for each of its labels")
-    references: tuple[Reference, ...] = Field((), description="what to compare with")
+    references: tuple[Reference, ...] = Field((), description="reference values")
 
 
 class Contour(_Panel):
     """A field on the layers of one case: deformed, straightened, and both ends true to scale.
 
-    A device in space is seen whole and cut in half.
+    A three-dimensional device is drawn whole and cut in half.
     """
 
     kind: Literal["contour"]
-    field: str = Field(description="such as S_RR, S_ZZ, E, phi")
+    field: str = Field(description="name of the field, such as S_RR, S_ZZ, E or phi")
     label: str = Field(min_length=1, description="label of the colour bar, with its unit")
-    stage: str = Field(description="stage at whose end it is drawn")
+    stage: str = Field(description="stage at whose end the field is drawn")
     factor: float = Field(1.0, description="factor from the internal unit to that of the label")
     limits: Limits | None = Field(
-        None, description="range of the colours; default all but 0.6 % of the area"
+        None, description="range of the colours; by default it covers all but 0.6 % of the area"
     )
     zoom: Length = Field(0.25, gt=0, description="length shown at each end")
 
     @model_validator(mode="after")
     def _rising(self) -> Contour:
         if self.limits is not None and self.limits[0] >= self.limits[1]:
-            raise ValueAt(("limits",), "the first must be below the second")
+            raise ValueAt(("limits",), "the first limit must be below the second")
         return self
 
 
 class Shapes(_Panel):
-    """Deformed layers of one case at several times, true to scale: in space a view each."""
+    """The deformed device of one case at several times, true to scale."""
 
     kind: Literal["shapes"]
     times: tuple[Time, ...] = Field(
@@ -133,12 +133,12 @@ Panel = Annotated[Curves | Points | Contour | Shapes, Field(discriminator="kind"
 class Window(Section):
     """A range in which a number is expected."""
 
-    name: Cell = Field(min_length=1, description="what is compared")
+    name: Cell = Field(min_length=1, description="name of the comparison")
     value: str = Field(description="expression over the quantities of all cases")
     low: float | None = Field(None, description="smallest value; give low, high or both")
     high: float | None = Field(None, description="largest value")
     unit: Cell = Field("", description="unit of value, low and high")
-    source: Cell = Field("", description="where the range comes from")
+    source: Cell = Field("", description="source of the range")
     where: Where = Field({}, description=_WHERE)
 
     @model_validator(mode="after")
@@ -153,27 +153,32 @@ class Window(Section):
 class Study(Section):
     """Cases, quantities, pictures and windows."""
 
-    name: Name = Field(description="short name of the files")
+    name: Name = Field(description="short name, also of the files")
     title: str = Field(min_length=1, description="heading in the gallery")
-    source: str = Field("", description="what it is compared with")
-    base: str | None = Field(None, description="config that is varied, beside this file")
+    source: str = Field("", description="source of the reference values")
+    base: str | None = Field(
+        None, description="config that is varied, with its path from the folder of this file"
+    )
     material_test: dict[str, Any] | None = Field(
         None, description="a test of a material instead of a config; see below"
     )
-    set: dict[str, Any] = Field({}, description="dotted keys of the base that all cases change")
-    program: list[Any] | None = Field(None, description="stages: it replaces the base's program")
+    set: dict[str, Any] = Field({}, description="changes of the base in all cases, by dotted key")
+    program: list[Any] | None = Field(None, description="stages that replace those of the base")
     vary: dict[Cell, dict[Cell, Any]] = Field(
         {},
-        description="axes, multiplied with each other; an axis is either {key: list, ...}, lists "
-        "in step with each other, or {label: {key: value, ...}, ...}; the key `base` is a config",
+        description="axes; the cases are all their combinations. An axis is either {key: list, "
+        "...}, with lists of the same length that vary together, or {label: {key: value, ...}, "
+        "...}; the key `base` names a config",
     )
     label: str | None = Field(None, description="label of a case, such as '{law}, {modulus}'")
-    quantities: dict[str, str] = Field({}, description="name: expression, one number a case")
+    quantities: dict[str, str] = Field(
+        {}, description="expressions by name, with one number for each case"
+    )
     panels: tuple[Panel, ...] = Field((), description="pictures")
-    columns: int = Field(2, ge=1, le=4, description="panels beside each other")
+    columns: int = Field(2, ge=1, le=4, description="number of panels in a row")
     windows: tuple[Window, ...] = Field((), description="ranges in which numbers are expected")
     comparison: str = Field(
-        "", description="one sentence; {expression:format} is replaced by its value"
+        "", description="a sentence in which {expression:format} is replaced by its value"
     )
 
     @field_validator("vary")
@@ -184,8 +189,8 @@ class Study(Section):
             if not axis or not (all(lists) or all(isinstance(v, dict) for v in axis.values())):
                 raise ValueAt(
                     (name,),
-                    "expected lists in step with each other, such as {mesh.columns: [20, 40]}, or "
-                    "choices, such as {coarse: {mesh.columns: 20}}",
+                    "expected lists of equal length, such as {mesh.columns: [20, 40]}, or labels "
+                    "with changes, such as {coarse: {mesh.columns: 20}}",
                 )
             lengths = {len(v) for v in axis.values()} if all(lists) else {1}
             if len(lengths) != 1 or 0 in lengths:
@@ -218,10 +223,10 @@ class Study(Section):
 
     def _check_axis(self, where: Place, axis: str) -> None:
         if axis not in self.vary:
-            raise ValueAt(where, f"{axis!r} is no axis of vary{did_you_mean(axis, self.vary)}")
+            raise ValueAt(where, f"{axis!r} is not an axis of vary{did_you_mean(axis, self.vary)}")
 
     def inserts(self) -> list[str]:
-        """Expressions within the sentence of comparison."""
+        """Expressions in the sentence of comparison."""
         return [m[1] for m in INSERT.finditer(self.comparison)]
 
 

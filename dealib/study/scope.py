@@ -1,4 +1,4 @@
-"""What the expressions of a study may ask for: known from its configs, before a case is solved."""
+"""Checks of a study's expressions against its configs, before a case is solved."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Work = Config | MaterialTest
 
 
 def check(plan: Plan) -> None:
-    """Raise what an expression asks for that its cases will not have.
+    """Check that the cases of a study will have all that its expressions use.
 
     Raises:
         ConfigError: With the place in the study's file.
@@ -52,7 +52,7 @@ def check(plan: Plan) -> None:
 
 
 def _check_labels(plan: Plan, part: tuple[str | int, ...], where: Where) -> None:
-    """Raise if a selection asks for a label that its axis does not have."""
+    """Raise `ConfigError` if a selection names a label that its axis does not have."""
     for axis, given in where.items():
         known = list(dict.fromkeys(case.axes[axis] for case in plan.cases))
         for label in (given,) if isinstance(given, str) else given:
@@ -65,7 +65,7 @@ Found = tuple[tuple[str | int, ...], str, Mapping[str, Signature], "list[Planned
 
 
 def _expressions(plan: Plan) -> Iterable[Found]:
-    """Place, text and functions of each expression, and the cases that it is for."""
+    """Place, text, functions and cases of each expression."""
     study = plan.study
     for name, text in study.quantities.items():
         yield ("quantities", name), text, OF_A_CASE, list(plan.cases)
@@ -110,7 +110,7 @@ def _check(
 
 
 def _argument(kind: str, value: Any, work: Work, labels: Sequence[str]) -> None:
-    """Raise if an argument of a function cannot be; what is not known before is let through."""
+    """Raise `ValueError` if an argument of a function is wrong, as far as that is known."""
     if kind in ("along", "across"):
         sample.fraction(kind, value)
     elif kind == "key":
@@ -131,18 +131,18 @@ def _argument(kind: str, value: Any, work: Work, labels: Sequence[str]) -> None:
 
 
 def traced(column: str) -> bool:
-    """Whether a column of a history sums over the states."""
+    """Whether a column of a history sums over its states, such as a work."""
     return column.partition(".")[0].endswith(("work_mJ", "residual_mJ"))
 
 
 def of_the_state(config: Config) -> list[str]:
-    """Columns of its history that are functions of the state alone."""
+    """Columns of a config's history that are functions of the state alone."""
     found = (column.name for column in quantities.measured(config))
     return [name for name in found if name not in ("newton_iterations", "step")]
 
 
 def of_history(text: str, config: Config, others: Iterable[str] = ()) -> Expression:
-    """An expression over the history of a config alone, which no output is needed for.
+    """Parse an expression over the history of a config, without fields and timings.
 
     Args:
         text: The expression.
@@ -150,7 +150,7 @@ def of_history(text: str, config: Config, others: Iterable[str] = ()) -> Express
         others: Further names that a message may propose.
 
     Raises:
-        ValueError: If it asks for what is not there.
+        ValueError: If it uses an unknown name, function, stage or key.
     """
     there = [name for name in quantities.columns(config) if traced(name)]
     there = [*others, "time_s", *of_the_state(config), *there]
@@ -165,14 +165,14 @@ def of_history(text: str, config: Config, others: Iterable[str] = ()) -> Express
 
 
 def columns(work: Work) -> list[str]:
-    """Names that an expression over one case may read."""
+    """Names that an expression over one case may use."""
     if not isinstance(work, Config):
         return ["stretch", "strain", "stress_MPa"]
     return list(quantities.columns(work))
 
 
 def stages(work: Work) -> list[str]:
-    """Stages in the results; every run begins with a pre-strain."""
+    """Names of the stages in the results; every run begins with the stage `prestrain`."""
     if not isinstance(work, Config):
         return [work.mode]
     given = [stage.stage for stage in work.program]
@@ -180,7 +180,7 @@ def stages(work: Work) -> list[str]:
 
 
 def regions(work: Work) -> list[str]:
-    """Regions of the mesh."""
+    """Names of the regions of the mesh."""
     if not isinstance(work, Config):
         return []
     return [region.name for region in work.device.regions]
@@ -190,8 +190,8 @@ def setting(work: Work, path: str) -> float:
     """A number of the config, in internal units.
 
     Args:
-        work: The config, or the test of a material.
-        path: Dotted key, with list items by their number from 0.
+        work: The config or the material test.
+        path: Dotted key; items of lists are counted from 0.
 
     Raises:
         ValueError: If there is no such number.
@@ -205,5 +205,5 @@ def setting(work: Work, path: str) -> float:
     if isinstance(node, tuple) and len(node) == 1:
         node = node[0]
     if isinstance(node, bool) or not isinstance(node, (int, float)):
-        raise ValueError(f"{path!r} is no number")
+        raise ValueError(f"{path!r} is not a number")
     return float(node)

@@ -1,4 +1,4 @@
-"""`summary.csv` of a sweep: one row a case, rewritten whole as cases end."""
+"""`summary.csv` of a sweep: one row for each case, written again after each case that ends."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from dealib.cases.job import Ended
 from dealib.files import write_text
 from dealib.study.evaluate import Results
 from dealib.study.plan import Plan, Planned
-from dealib.study.sweep import standing
+from dealib.study.sweep import status
 
 
 class Summary:
@@ -21,7 +21,7 @@ class Summary:
 
     Args:
         plans: The studies.
-        cache: Where solved cases are.
+        cache: Folder of solved cases.
         path: The file.
     """
 
@@ -33,7 +33,7 @@ class Summary:
                 self._set(plan, case)
 
     def update(self, ended: Ended) -> None:
-        """Enter what has just ended, and write the file."""
+        """Enter a job that has ended, and write the file."""
         for plan in self.plans:
             for case in plan.cases:
                 if case.key == ended.job.key:
@@ -42,7 +42,7 @@ class Summary:
 
     def _set(self, plan: Plan, case: Planned, ended: Ended | None = None) -> dict[str, Any]:
         failed = {} if ended is None else {ended.job.key: ended}
-        results = Results(plan, self.cache, [standing(case, self.cache, failed)])
+        results = Results(plan, self.cache, [status(case, self.cache, failed)])
         row: dict[str, Any] = dict(results.table.iloc[0])
         self.rows[plan.study.name, case.label] = row
         return row

@@ -1,4 +1,4 @@
-"""Where the cases of studies stand, and which are to be solved."""
+"""The status of the cases of studies, and the jobs of those that are missing."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from dealib.study.plan import Plan, Planned
 
 @dataclass(frozen=True)
 class CaseStatus:
-    """Where a case stands.
+    """The status of a case.
 
     Attributes:
         case: The case.
         status: 'done', 'not converged', 'failed', 'crashed', 'damaged' or 'missing'.
-        error: What went wrong.
+        error: What went wrong; empty if nothing did.
     """
 
     case: Planned
@@ -27,12 +27,12 @@ class CaseStatus:
 
 
 def missing(plans: Sequence[Plan], cache: Cache, retry: bool = False) -> list[Job]:
-    """The jobs that remain: one a key, those that did not converge only if told.
+    """The jobs of cases that are not solved, one for each key.
 
     Args:
         plans: The studies.
-        cache: Where solved cases are.
-        retry: Solve again what did not converge.
+        cache: Folder of solved cases.
+        retry: Solve cases again that did not converge.
     """
     jobs: dict[str, Job] = {}
     for plan in plans:
@@ -46,21 +46,21 @@ def missing(plans: Sequence[Plan], cache: Cache, retry: bool = False) -> list[Jo
     return list(jobs.values())
 
 
-def standing(case: Planned, cache: Cache, ended: Mapping[str, Ended]) -> CaseStatus:
-    """Where a case stands now.
+def status(case: Planned, cache: Cache, ended: Mapping[str, Ended]) -> CaseStatus:
+    """The present status of a case.
 
     Args:
         case: The case.
-        cache: Where solved cases are.
-        ended: What has ended just now without being done, by key.
+        cache: Folder of solved cases.
+        ended: Jobs that have just failed, by key.
     """
     if not isinstance(case.work, Config):
         return CaseStatus(case, DONE)
     if case.key in ended:
         return CaseStatus(case, ended[case.key].status, ended[case.key].error)
-    return CaseStatus(case, *cache.standing(case.key))
+    return CaseStatus(case, *cache.status(case.key))
 
 
 def statuses(plan: Plan, cache: Cache, ended: Mapping[str, Ended]) -> list[CaseStatus]:
-    """Where each case of a study stands now (see `standing`)."""
-    return [standing(case, cache, ended) for case in plan.cases]
+    """The present status of each case of a study; arguments are those of `status`."""
+    return [status(case, cache, ended) for case in plan.cases]

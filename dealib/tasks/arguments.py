@@ -1,4 +1,4 @@
-"""What functions of tasks are given: cases, quantities, and what excludes each other."""
+"""Arguments that tasks share: cases, quantities and options that exclude each other."""
 
 from __future__ import annotations
 
@@ -9,27 +9,28 @@ from dealib.errors import ConfigError, by_caller
 from dealib.units import sensible
 
 Given = Case | str | Path
+CASES = Path("runs/studies/cases")  # default folder of solved cases
 
 
 def silent(line: str) -> None:
-    """Tell nobody."""
+    """Discard a line of progress."""
 
 
 def as_case(case: Given) -> Case:
-    """A case, or that of a config's path."""
+    """The case itself, or the case of a config file."""
     return case if isinstance(case, Case) else load(case)
 
 
 def value(argument: str, given: str | float, dimension: str) -> float:
-    """A quantity in the internal unit, of a text with its unit or a number in that unit.
+    """Convert a quantity to the internal unit.
 
     Args:
-        argument: Its name; on the command line it is an option.
-        given: The quantity.
+        argument: Name of the argument, for messages.
+        given: A text with a unit, or a number in the internal unit.
         dimension: Key of `dealib.units.DIMENSIONS`.
 
     Raises:
-        ConfigError: If it is none.
+        ConfigError: If it is not a quantity of that dimension.
     """
     if isinstance(given, (int, float)):
         return float(given)
@@ -41,11 +42,7 @@ def value(argument: str, given: str | float, dimension: str) -> float:
 
 
 def exclude(overwrite: bool, resume: bool) -> None:
-    """Refuse both at once.
-
-    Raises:
-        ConfigError: If both are given.
-    """
+    """Raise `ConfigError` if `overwrite` and `resume` are both given."""
     if overwrite and resume:
         both = by_caller("--overwrite and --resume", "overwrite and resume")
         raise ConfigError(f"{both} exclude each other")

@@ -1,6 +1,6 @@
 """`dealib doctor`: what is installed and whether it works, one line each.
 
-Everything is tried in processes of its own, as a user would: a library that crashes is a line too.
+Each probe runs in a process of its own, so that a library that crashes is reported as well.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from dealib.files import write_text
 from dealib.units import EPSILON_0
 from dealib.versions import version_line
 
-_SECONDS = 300  # for a probe; the machine may be busy
+_SECONDS = 300  # time limit of a probe on a busy machine
 _PROGRAM = (
     "[{stage: prestrain}, {stage: push, mount: {displacement: -0.1 mm}, steps: 2},"
     " {stage: actuate, terminal: {voltage: 1 kV}, steps: 2}]"
@@ -47,13 +47,13 @@ class _Failed(Exception):
 
 @dataclass(frozen=True)
 class _Probe:
-    """Something to try.
+    """A test of one part of the installation.
 
     Attributes:
-        name: What is tried.
-        run: Tries it in a folder and returns what to say of it.
+        name: The part.
+        run: Tests it with files in a folder, and returns the result in words.
         cure: What to do if it fails.
-        needed: Whether dealib cannot work without.
+        needed: Whether dealib cannot work without it.
     """
 
     name: str
@@ -63,18 +63,20 @@ class _Probe:
 
 
 def doctor(tell: Callable[[str], None] = print) -> None:
-    """Try whether solver, MPI, 3-D pictures and movies work here, and tell a line each.
+    """Test whether solver, MPI, 3-D pictures and movies work on this machine.
 
     Args:
-        tell: Told each line.
+        tell: Called with each line of the report.
 
     Raises:
-        PlatformError: If something fails that dealib needs.
+        PlatformError: If a part that dealib needs does not work.
     """
     try:
         folder = tempfile.TemporaryDirectory(prefix="dealib-doctor-")
     except OSError as error:
-        raise PlatformError(f"no folder for temporary files: {error}; set TMPDIR to one") from None
+        raise PlatformError(
+            f"cannot make a temporary folder: {error}; set TMPDIR to a folder"
+        ) from None
     lacking = []
     with folder:
         for probe in _PROBES:
@@ -91,10 +93,13 @@ def doctor(tell: Callable[[str], None] = print) -> None:
 
 
 def _child(*arguments: str | Path, **environment: str) -> float:
-    """Run Python with arguments; returns the seconds that it took.
+    """Run Python with arguments.
+
+    Returns:
+        The time that it took, s.
 
     Raises:
-        _Failed: With what it said last.
+        _Failed: With the last line of its error output.
     """
     begin = time.perf_counter()
     try:
@@ -140,7 +145,7 @@ def _compiler(folder: Path) -> str:
 
 
 def _run(folder: Path, name: str, *options: str) -> float:
-    """Solve a tiny problem into folder/name; returns the seconds from start to end."""
+    """Solve a tiny problem into folder/name; returns the time of the whole process, s."""
     config = folder / "tiny.yaml"
     write_text(config, template("benchmark"))
     changes = ("--set", "mesh.columns=8", "--set", f"program={_PROGRAM}")
@@ -148,7 +153,7 @@ def _run(folder: Path, name: str, *options: str) -> float:
 
 
 def _solver(folder: Path) -> str:
-    from dealib.results.reader import Run  # its packages are there by now
+    from dealib.results.reader import Run  # imported after the probe of the packages
 
     seconds = _run(folder, "one")
     run = Run(folder / "one")

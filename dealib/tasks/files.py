@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from importlib import import_module
 from typing import Any
 
 from pydantic import BaseModel
@@ -12,7 +13,15 @@ from dealib.config.templates import TEMPLATES
 from dealib.config.templates import template as text_of
 from dealib.errors import ConfigError, by_caller, did_you_mean
 
-KINDS = ("config", "study", "fit", "coupon", "design", "benchmark", "history")
+_MODELS = {  # kind of file -> module and class of its schema, imported when it is asked for
+    "config": ("config.schema", "Config"),
+    "study": ("study.schema", "Study"),
+    "fit": ("calibration.schema", "Fit"),
+    "coupon": ("calibration.coupon_schema", "Coupon"),
+    "design": ("design.schema", "Design"),
+    "benchmark": ("validation.schema", "Benchmark"),
+}
+KINDS = (*_MODELS, "history")
 _COMMANDS = {
     "design": "`dealib optimise` and `dealib uncertainty`",
     "benchmark": "`dealib validate`",
@@ -32,15 +41,15 @@ def schema(of: str = "config") -> dict[str, Any]:
 
 
 def schema_text(of: str) -> str:
-    """The same as text."""
+    """JSON schema of a kind of file, as text; see `schema`."""
     return pages.json_text(_model(of))
 
 
 def reference(of: str = "config") -> str:
-    """Page of all keys of a kind of file, or of all columns, in Markdown.
+    """Page of all keys of a kind of file in Markdown.
 
     Args:
-        of: config, study, fit, coupon, design, benchmark or history.
+        of: config, study, fit, coupon, design or benchmark; history: page of all its columns.
 
     Raises:
         ConfigError: If there is no such kind.
@@ -70,39 +79,19 @@ def reference(of: str = "config") -> str:
 
 def _model(of: str) -> type[BaseModel]:
     """The schema of a kind of file."""
-    if of == "config":
-        from dealib.config.schema import Config
-
-        return Config
-    if of == "study":
-        from dealib.study.schema import Study
-
-        return Study
-    if of == "fit":
-        from dealib.calibration.schema import Fit
-
-        return Fit
-    if of == "coupon":
-        from dealib.calibration.coupon_schema import Coupon
-
-        return Coupon
-    if of == "design":
-        from dealib.design.schema import Design
-
-        return Design
-    if of == "benchmark":
-        from dealib.validation.schema import Benchmark
-
-        return Benchmark
-    name = by_caller("--of", "of")
+    if of in _MODELS:
+        module, name = _MODELS[of]
+        found: type[BaseModel] = getattr(import_module(f"dealib.{module}"), name)
+        return found
+    option = by_caller("--of", "of")
     if of == "history":
         page = by_caller("--reference", "dealib.reference")
-        raise ConfigError(f"{name} history: there is no schema of it, but a page, with {page}")
-    raise ConfigError(f"{name} {of}: unknown{did_you_mean(of, KINDS)}")
+        raise ConfigError(f"{option} history: it has no schema; {page} gives a page of its columns")
+    raise ConfigError(f"{option} {of}: unknown{did_you_mean(of, KINDS)}")
 
 
 def template(name: str = "deap") -> str:
-    """A commented config to start from, as text.
+    """The text of a commented config to start from.
 
     Args:
         name: deap, benchmark or membrane.

@@ -1,4 +1,4 @@
-"""What a run says about itself."""
+"""The summary of a run, and the report of `dealib info`."""
 
 from __future__ import annotations
 
@@ -20,16 +20,21 @@ if TYPE_CHECKING:
     import pandas
 
 
-Loud = Callable[[str, str], str]
+Loud = Callable[[str, str], str]  # emphasises a text by its verdict
 
 
 def plain(verdict: str, text: str) -> str:
-    """A verdict as it is."""
+    """The text without emphasis."""
     return text
 
 
 def summary(run: Run, loud: Loud = plain) -> str:
-    """The figures that an engineer looks at first, from the history."""
+    """Summary of a run: ranges, actuation, critical points, steps and exceeded limits.
+
+    Args:
+        run: The run.
+        loud: Emphasises a text by its verdict, such as by a colour.
+    """
     h = run.history
     info = run.info
     known = [c for c in columns(run.config).values() if c.name in h]
@@ -65,7 +70,7 @@ def _range(history: pandas.DataFrame, column: Column) -> str:
 
 
 def _beyond(run: Run, loud: Loud) -> list[str]:
-    """A line for each limit that is not kept."""
+    """A line for each limit that is exceeded."""
     found = sorted((m for m in margins(run) if not m.ok), key=lambda m: not m.given)
     return [
         loud(m.verdict, _told(m.verdict, f"{m.name} {m.used}"))
@@ -79,7 +84,7 @@ def _told(verdict: str, text: str) -> str:
 
 
 def resume_command(run: Run) -> str:
-    """The command that goes on with a run, or the call."""
+    """The command that continues a run; for Python, the call."""
     info = run.info
     overrides = [part for assignment in info["set"] for part in ("--set", assignment)]
     command = "export" if "export" in info["argv"][1:2] else "run"
@@ -99,7 +104,7 @@ def describe(run: Run | str | Path, loud: Loud = plain) -> str:
 
     Args:
         run: The run or its directory.
-        loud: Colours the text of a verdict.
+        loud: Emphasises a text by its verdict, such as by a colour.
     """
     run = run if isinstance(run, Run) else Run(run)
     info = run.info
@@ -135,11 +140,11 @@ def describe(run: Run | str | Path, loud: Loud = plain) -> str:
 
 
 def _energy(run: Run) -> list[str]:
-    """One line a closed cycle."""
+    """A table of the energies of closed cycles."""
     try:
         found = cycles(run)
     except ConfigError:
-        return []  # nothing has converged
+        return []  # the run has no converged state
     lines = []
     for c in found:
         sums = (c.electrical_in, c.electrical, c.mechanical_out, c.mechanical)

@@ -1,4 +1,4 @@
-"""What a user sees while cases are solved: a line a worker and a total, or plain lines."""
+"""Progress of cases that are solved: bars on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -10,7 +10,12 @@ from dealib.cases.workers import Watcher
 
 
 def watcher(workers: int, total: int) -> Watcher:
-    """Bars on a terminal, plain lines elsewhere."""
+    """An observer of cases.
+
+    Args:
+        workers: Number of processes; 0: ranks of MPI.
+        total: Number of cases.
+    """
     console = Console()
     if console.is_terminal and workers:
         return _Bars(console, workers, total)
@@ -23,7 +28,7 @@ def _words(ended: Ended) -> str:
 
 
 class _Lines(Watcher):
-    """One line a case that ends."""
+    """Prints a line for each case that ends."""
 
     def __init__(self, total: int) -> None:
         self._total, self._ended = total, 0
@@ -36,7 +41,7 @@ class _Lines(Watcher):
 
 
 class _Bars(Watcher):
-    """One bar a worker, and one for all."""
+    """Shows a bar for each worker, and one for all cases."""
 
     def __init__(self, console: Console, workers: int, total: int) -> None:
         self._bars = Progress(

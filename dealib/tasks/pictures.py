@@ -1,4 +1,4 @@
-"""Pictures, films and pages of runs."""
+"""Pictures, movies and pages of runs."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
     from dealib.config.case import Case
 
 Given = Run | str | Path
-_PERIOD = 2.0  # s, of a mode
-_RATES = {".mp4": 20, ".gif": 10}  # pictures a second
+_PERIOD = 2.0  # period of a mode in its movie, s
+_RATES = {".mp4": 20, ".gif": 10}  # frames per second
 
 
 def as_run(run: Given) -> Run:
-    """A run, or that of a directory."""
+    """The run itself, or the run of a directory."""
     return run if isinstance(run, Run) else Run(run)
 
 
 def as_runs(runs: Given | Sequence[Given]) -> list[Run]:
-    """Runs, or one alone."""
+    """A list of runs, from one or several runs or directories."""
     return [as_run(r) for r in ([runs] if isinstance(runs, (Run, str, Path)) else runs)]
 
 
@@ -59,17 +59,17 @@ def plot(
         overwrite: Replace the file.
 
     Returns:
-        The figure of Matplotlib, which a notebook shows.
+        The Matplotlib figure, which a notebook shows.
 
     Raises:
-        ConfigError: If the arguments contradict each other, or name nothing that is there.
+        ConfigError: If the arguments contradict each other, or a column or field is unknown.
     """
     from dealib.plots import style
 
     if out is not None:
         style.check_target(Path(out), style.FORMATS, overwrite)
     with drawn(as_runs(runs), x, y, field, profile, revolved, step, dark) as (figure, _):
-        figure.canvas.draw()  # in this theme, which ends here
+        figure.canvas.draw()  # while the theme lasts
         if out is not None:
             style.save(figure, Path(out))
         return figure
@@ -86,10 +86,9 @@ def drawn(
     step: int | None,
     dark: bool,
 ) -> Iterator[tuple[Figure, str]]:
-    """A figure (see `plot`) and the name of its file, within its theme.
+    """A figure and the stem of its file's name; its theme lasts as long as the context.
 
-    Raises:
-        ConfigError: If the arguments contradict each other, or name nothing that is there.
+    Arguments and errors are those of `plot`.
     """
     ys, profiles = ([t] if isinstance(t, str) else list(t) for t in (y, profile))
     named = {n: by_caller(f"--{n}", n) for n in ("field", "profile", "revolved", "step")}
@@ -110,7 +109,7 @@ def drawn(
     if step is not None and not kinds:
         raise ConfigError("{step} belongs to {field}, {profile} or {revolved}".format_map(named))
     if x is not None and not ys:
-        with_y = by_caller("say with -y what", "give y,")
+        with_y = by_caller("give -y, the columns", "give y, the columns")
         raise ConfigError(f"{named['x']} {x}: {with_y} to draw against it")
     from dealib.plots import style
 
@@ -128,7 +127,7 @@ def _figure(
     step: int | None,
     look: Any,
 ) -> tuple[Any, str]:
-    """The figure and the name of its file."""
+    """The figure and the stem of its file's name."""
     if field is not None or profiles or revolved:
         from dealib.plots.shape import Shape, step_of
         from dealib.results import quantities
@@ -156,7 +155,17 @@ def _figure(
 
 
 def default(runs: Sequence[Run], name: str, dark: bool = False, suffix: str = ".png") -> Path:
-    """Where pictures go: `plots/` of the (first) run; this folder is dealib's own."""
+    """Default path of a picture: in `plots` of the first run, which is created.
+
+    Args:
+        runs: The runs in the picture.
+        name: Stem of its name.
+        dark: Whether it is on a dark background.
+        suffix: Suffix of its name.
+
+    Raises:
+        PlatformError: If the folder cannot be created.
+    """
     folder = runs[0].directory / "plots"
     try:
         folder.mkdir(exist_ok=True)
@@ -175,13 +184,13 @@ def animate(
     dark: bool = False,
     overwrite: bool = False,
 ) -> Path:
-    """Write a film of the deforming device beside its input curves.
+    """Write a movie of the deforming device beside its input curves.
 
     Args:
         run: The run or its directory.
-        field: What colours it, a picture each; default the usual ones.
-        out: .mp4 or .gif; default a name in the run's `plots`.
-        seconds: Length.
+        field: Fields that colour the device, in a picture each; by default chosen for the run.
+        out: .mp4 or .gif; default a name in `plots` of the run.
+        seconds: Length of the movie, s.
         dark: On a dark background.
         overwrite: Replace `out`.
 
@@ -189,7 +198,8 @@ def animate(
         The file.
 
     Raises:
-        ConfigError: If the field or the file name will not do, or too few steps are stored.
+        ConfigError: If a field is unknown, the suffix is another one, the file exists already, or
+            too few steps are stored.
     """
     run = as_run(run)
     from dealib.plots import animation, modes, style
@@ -220,14 +230,14 @@ def write_report(run: Given, out: str | Path | None = None, *, overwrite: bool =
 
     Args:
         run: The run or its directory.
-        out: The file; default `report.html` of the run, which is dealib's own.
+        out: The file; default `report.html` of the run, which is replaced.
         overwrite: Replace `out`.
 
     Returns:
         The file.
 
     Raises:
-        ConfigError: If there is no run, nothing to report, or a file in the way.
+        ConfigError: If there is no run or no converged state, or the file exists already.
     """
     run = as_run(run)
     if out is not None:
@@ -248,9 +258,9 @@ def show(
 
     Args:
         what: The run or the case.
-        keys: Numbers or sections of the case to move; default those that matter most.
-        port: Of 127.0.0.1; 0: a free one.
-        browser: Open the page.
+        keys: Numbers or sections of the case that get sliders; default the main ones.
+        port: Port of 127.0.0.1; 0: a free one.
+        browser: Open the page in the browser.
 
     Raises:
         ConfigError: If the case has no such key, or the port is taken.

@@ -1,4 +1,4 @@
-"""What a user sees while a run goes on: a bar on a terminal, plain lines elsewhere."""
+"""Progress of a run: a bar on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dealib.units import counted
 
 
 class Progress:
-    """An observer that shows progress; a bar on a terminal, plain lines otherwise."""
+    """An observer of a run that shows a bar on a terminal, and prints plain lines elsewhere."""
 
     def __init__(self) -> None:
         self._console = Console()

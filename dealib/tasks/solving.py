@@ -1,4 +1,4 @@
-"""Modes, spectra, charts of a bias, tables and meshes of a config."""
+"""Modes, spectra, bias charts, tables and meshes of a config."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def modes(
     Args:
         case: The case, or its config's path.
         stages: Names of stages; default the last one.
-        along: Stage at each state of which frequencies are found too.
-        count: How many modes, from the lowest.
+        along: Stage at each state of which frequencies are computed too.
+        count: Number of modes, from the lowest.
         directory: Run directory; default the config's with '-modes'.
-        options: Of `simulate`: overwrite, observers, comm, ...
+        options: Further arguments of `simulate`: overwrite, observers, comm, ...
 
     Returns:
         A run: `run.table("modes")` and, with `along`, `run.table("frequencies")`; the shapes are
@@ -42,7 +42,7 @@ def modes(
 
     Raises:
         ConfigError: If a stage or a density is missing, or the directory exists.
-        NotConverged: If a step failed; what was found before is kept.
+        NotConverged: If a step failed; earlier results are kept.
     """
     from mpi4py import MPI
 
@@ -87,16 +87,16 @@ def respond(
     Args:
         case: The case, or its config's path.
         low: Lowest frequency, Hz or with a unit.
-        high: Highest one.
-        points: Frequencies, at equal ratios.
-        refine: Add points where the response turns.
+        high: Highest frequency, Hz or with a unit.
+        points: Number of frequencies, logarithmically spaced.
+        refine: Add points where the response varies quickly.
         of: The driven terminal; default the first.
-        at: Stage whose end is taken; default the last.
-        series_resistance: In the driver, Gohm or with a unit.
-        series_inductance: In the driver, GH or with a unit.
-        sound_at: Distance on the axis at which sound is found, mm or with a unit.
+        at: Stage at whose end the spectrum is computed; default the last.
+        series_resistance: Resistance of the driver, Gohm or with a unit.
+        series_inductance: Inductance of the driver, GH or with a unit.
+        sound_at: Distance on the axis at which sound is computed, mm or with a unit.
         directory: Run directory; default the config's with '-response'.
-        options: Of `simulate`: overwrite, observers, comm, ...
+        options: Further arguments of `simulate`: overwrite, observers, comm, ...
 
     Returns:
         A run with `run.table("response")` and `run.table("circuit")`.
@@ -138,7 +138,7 @@ def respond(
 
 
 def write_circuit(run: Run) -> Circuit:
-    """Fit the equivalent circuit to the spectrum of a run, and write it beside it."""
+    """Fit the equivalent circuit to the spectrum of a run, and write it to the run directory."""
     from dealib.plots.response import impedance
 
     table = run.table("response")
@@ -161,12 +161,13 @@ def bias(
 
     Args:
         case: The case, or its config's path.
-        voltage: Full voltage, kV or with a unit; default the program's.
-        reach: Displacements of the chart, mm or with a unit; default where both can meet.
+        voltage: Full voltage, kV or with a unit; default that of the program.
+        reach: First and last displacement of the chart, mm or with a unit; default the range in
+            which equilibria are possible.
 
     Raises:
-        ConfigError: If there is no bias, no voltage, or no reach to be guessed.
-        NotConverged: If the film cannot be moved so far.
+        ConfigError: If there is no bias or no voltage, or the range has to be given.
+        NotConverged: If the film cannot be displaced so far.
     """
     from dealib.program.bias_chart import chart
 
@@ -198,12 +199,12 @@ def export_tables(
 
     Args:
         case: The case, or its config's path.
-        directory: Where they go; default the config's run directory with '-tables'.
+        directory: Directory of the files; default the config's run directory with '-tables'.
         fmu: Write an FMU too, which needs a C compiler.
         overwrite: Replace earlier tables.
-        resume: Go on with unfinished ones.
-        tell: Told of each file in one line.
-        options: Of `simulate`: observers, comm, ...
+        resume: Continue unfinished tables.
+        tell: Called with a line about each file.
+        options: Further arguments of `simulate`: observers, comm, ...
 
     Raises:
         ConfigError: If the config has no `tables`, or the directory exists.
@@ -219,7 +220,7 @@ def export_tables(
     case = as_case(case)
     walk = tables_case(case, fmu)
     if fmu:
-        compiler()  # before all the work
+        compiler()  # a missing compiler is reported before anything is solved
     directory = Path(directory or f"{case.config.directory}-tables")
     refuse_full_disk(walk.config, directory)
     run = simulate(walk, directory, overwrite=overwrite, resume=resume, **options)
@@ -239,21 +240,21 @@ def write_mesh(
 
     Args:
         case: The case, or its config's path.
-        path: Gmsh's file, which ends in .msh.
-        view: The picture, if it is wanted.
+        path: The Gmsh file, which ends in .msh.
+        view: The picture; None: no picture.
         overwrite: Replace the files.
 
     Returns:
         Number of cells of each region.
 
     Raises:
-        ConfigError: If a file is in the way or a folder is missing.
+        ConfigError: If a file exists already, or a folder is missing.
     """
     from dealib.device import gmsh_model
 
     case, path = as_case(case), Path(path)
     if path.suffix != ".msh":
-        raise ConfigError(f"{by_caller('--out ', '')}{path}: Gmsh's files end in .msh")
+        raise ConfigError(f"{by_caller('--out ', '')}{path}: the name must end in .msh")
     picture = None if view is None else Path(view)
     if picture is not None:
         from dealib.plots.style import FORMATS

@@ -1,4 +1,4 @@
-"""Studies: solve what is missing, then collect, draw and compare."""
+"""Studies: solve the missing cases, then collect, draw and compare the results."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ from dealib.study import plan as planning
 from dealib.study import sweep
 from dealib.study.plan import Plan
 from dealib.study.sweep import CaseStatus
-from dealib.tasks.arguments import silent
-from dealib.tasks.measuring import CASES
+from dealib.tasks.arguments import CASES, silent
 from dealib.units import counted
 
 if TYPE_CHECKING:
@@ -41,17 +40,17 @@ def run_study(
 ) -> list[Results]:
     """Solve the missing cases of studies, collect, draw and compare them, and write a gallery.
 
-    Cases that do not converge are told of by a warning, and have no values.
+    Cases that do not converge give a warning, and have no values.
 
     Args:
         path: A study's YAML file, or a folder of them.
-        directory: Where tables, pictures and gallery go; default runs/studies/NAME.
-        jobs: Processes; default all cores. With more than one, a script guards what it does by
+        directory: Folder of tables, pictures and gallery; default runs/studies/NAME.
+        jobs: Number of processes; default all cores. With more than one, a script needs the guard
             `if __name__ == "__main__":`.
         cache: Folder of solved cases.
-        retry: Solve again what did not converge.
-        tell: Told how it goes on, line by line.
-        watch: Makes what sees the cases, of numbers of processes and of cases.
+        retry: Solve cases again that did not converge.
+        tell: Called with each line about the progress.
+        watch: Makes the observer of the cases, from the numbers of processes and of cases.
 
     Returns:
         The results of each study: `table` has a row for each case, `values` its quantities.
@@ -60,31 +59,43 @@ def run_study(
         ConfigError: If a study is wrong.
         Interrupted: With what is kept.
     """
-    path, out = Path(path), None if directory is None else Path(directory)
-    plans, store = read(path, tell), Cache(Path(cache))
-    folder = made(out, path, plans)
-    failed = solve(plans, store, jobs, retry, tell, watch)
-    stands = [sweep.statuses(p, store, failed) for p in plans]
-    found = report(plans, stands, store, folder, path, tell)
-    for s in (s for stand in stands for s in stand if s.status != DONE):
+    out = None if directory is None else Path(directory)
+    states, found = results(Path(path), out, jobs, Cache(Path(cache)), retry, tell, watch)
+    for s in (s for of_a_study in states for s in of_a_study if s.status != DONE):
         LOGGER.warning("%s: %s: %s", s.case.label, s.status, s.error)
-    for results in found:
-        for fault in results.faults:
-            LOGGER.warning("%s", fault)
+    for fault in (fault for one in found for fault in one.faults):
+        LOGGER.warning("%s", fault)
     return found
 
 
+def results(
+    path: Path,
+    out: Path | None,
+    jobs: int | None,
+    store: Cache,
+    retry: bool,
+    tell: Tell,
+    watch: Callable[[int, int], Watcher],
+) -> tuple[list[list[CaseStatus]], list[Results]]:
+    """States of the cases of each study, and its results; arguments are those of `run_study`."""
+    plans = read(path, tell)
+    folder = made(out, path, plans)
+    failed = solve(plans, store, jobs, retry, tell, watch)
+    states = [sweep.statuses(p, store, failed) for p in plans]
+    return states, report(plans, states, store, folder, path, tell)
+
+
 def read(path: Path, tell: Tell) -> list[Plan]:
-    """The studies of a file or of a folder."""
+    """The studies of a file or of a folder; tells which files of the folder are no studies."""
     found = planning.find(path)
     others = sorted(set(path.glob("*.yaml")) - set(found)) if path.is_dir() else []
     if others:
-        tell(f"no studies, left out: {', '.join(p.name for p in others)}")
+        tell(f"left out, since they are no studies: {', '.join(p.name for p in others)}")
     return [planning.read(p) for p in found]
 
 
 def made(out: Path | None, path: Path, plans: list[Plan]) -> Path:
-    """Where results go; it is made."""
+    """The folder of the results, which is created; default runs/studies/NAME."""
     name = path.resolve().name if path.is_dir() else plans[0].study.name
     folder = out or Path("runs/studies") / name
     with guarded(folder):
@@ -103,7 +114,25 @@ def solve(
     summary: Any = None,
     of: str = "study",
 ) -> dict[str, Ended]:
-    """Solve what is missing, in processes or an executor; returns what failed, by key."""
+    """Solve the missing cases of studies.
+
+    Args:
+        plans: The studies.
+        store: Folder of solved cases.
+        count: Number of processes; None: all cores.
+        retry: Solve cases again that did not converge.
+        tell: Called with each line about the progress.
+        watch: Makes the observer of the cases.
+        executor: Solves cases in ranks of MPI instead of processes.
+        summary: `Summary` to which each case that ends is added.
+        of: What the plans are called, 'study' or 'benchmark'.
+
+    Returns:
+        The cases that failed, by key.
+
+    Raises:
+        Interrupted: With how to continue.
+    """
     jobs = sweep.missing(plans, store, retry)
     cases = sum(len(p.cases) for p in plans)
     tell(f"{counted(cases, 'case')} in {counted(len(plans), of)}; {len(jobs)} to solve")
@@ -131,22 +160,22 @@ def solve(
 
 def report(
     plans: list[Plan],
-    stands: list[list[CaseStatus]],
+    states: list[list[CaseStatus]],
     store: Cache,
     folder: Path,
     path: Path,
     tell: Tell,
 ) -> list[Results]:
-    """Figures, tables and gallery."""
+    """Write figures, tables and gallery of studies; returns the results of each."""
     import pandas as pd
 
     from dealib.study.evaluate import Results
     from dealib.study.gallery import Entry, page
 
     entries: list[Entry] = []
-    for plan, stand in zip(plans, stands, strict=True):
+    for plan, of_a_study in zip(plans, states, strict=True):
         try:
-            results = Results(plan, store, stand)
+            results = Results(plan, store, of_a_study)
             entries.append(Entry(results, _draw(results, folder), results.windows))
         except Exception as error:
             error.add_note(f"while {plan.path} was collected and drawn; its cases are kept")
@@ -163,11 +192,7 @@ def report(
 
 def _draw(results: Results, folder: Path) -> str:
     """Write table and pictures of a study; returns the SVG's text."""
-    with warnings.catch_warnings():
-        # Debian's and pip's matplotlib side by side: 3-D axes, which nothing here uses, do not load
-        warnings.filterwarnings("ignore", message="Unable to import Axes3D")
-        from dealib.study.panels import draw
-    name, drawn = results.study.name, draw(results)
+    name, drawn = results.study.name, draw_panels(results)
     write_text(folder / f"{name}.csv", results.table.to_csv(index=False))
     if drawn is None:
         return ""
@@ -176,8 +201,17 @@ def _draw(results: Results, folder: Path) -> str:
     return drawn[0]
 
 
+def draw_panels(results: Results) -> tuple[str, bytes] | None:
+    """The panels of a study as SVG and PNG (see `study.panels.draw`)."""
+    with warnings.catch_warnings():
+        # where Debian's and pip's Matplotlib meet, 3-D axes, which are not used here, do not load
+        warnings.filterwarnings("ignore", message="Unable to import Axes3D")
+        from dealib.study.panels import draw
+    return draw(results)
+
+
 def _verdict(entry: Entry, folder: Path, tell: Tell) -> None:
-    """Show the quantities of a small study, and say which windows hold."""
+    """Tell the quantities of a small study, its files, and which windows hold."""
     name, verdicts, table = entry.results.study.name, entry.windows, entry.results.table
     names = ["case", *entry.results.values, *(["ended_by"] if table["ended_by"].any() else [])]
     if len(table) <= _SHOWN and entry.results.values:
