@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from dealib.errors import ConfigError, first_line
 from dealib.files import write_text
-from dealib.results import store
+from dealib.results import xdmf
 from dealib.results.history import STAGE
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def write_shapes(run: Run) -> None:
     """
     from dealib.results.fields import named
 
-    file, axes, count = store.FieldFile(run.directory, run.mesh, name=SHAPES), run.mesh.points, 0
+    file, axes, count = xdmf.FieldFile(run.directory, run.mesh, name=SHAPES), run.mesh.points, 0
     for index in range(len(run.stored_steps)):
         modes = run.modes(index)
         if modes is None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from dealib.config.schema import Config
-from dealib.results import paraview, store
+from dealib.results import paraview, store, xdmf
 from dealib.results.checkpoint import CheckpointFolder
 from dealib.results.elements import Array
 from dealib.results.fields import Fields, named
@@ -93,9 +93,9 @@ class StepWriter:
             directory, mesh, opening.config.device.kinematics.axes, opening.texts, done
         )
         self._checkpoint = CheckpointFolder(directory) if opening.resumable else None
-        self._fields: store.FieldFile | None = None
+        self._fields: xdmf.FieldFile | None = None
         if opening.config.output.fields != "none":
-            self._fields = store.FieldFile(directory, mesh, done)
+            self._fields = xdmf.FieldFile(directory, mesh, done)
             self._derive = Fields(opening.config, mesh)
             paraview.write(directory, mesh)
 
