@@ -1,9 +1,9 @@
-"""A writer in a process of its own: the solver goes on while results are written.
+"""A writer in a separate process: the solver continues while results are written.
 
-Records go through a socket, in order; each is answered when it is on the disk, and few may be
-unanswered. What is written is whole at every moment, as it is without the process. When its run is
-killed, it writes what it was given and ends; it shares the run directory's lock, so that nobody
-takes the directory up before.
+Records are sent through a socket, in order. The process answers each one once it is on the disk,
+and at most `_AHEAD` records may be unanswered. The files are consistent at every moment, as without
+the process. If the run is killed, the process writes the records that it has received and ends. It
+shares the lock of the run directory, so that no other run uses the directory before.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ class Beside:
                 start_new_session=True,  # the terminal's Ctrl-C is the run's alone
             )
         self._stream = self._socket.makefile("rwb")
-        self._due = 0  # answers
+        self._due = 0  # answers that are still to come
 
     @staticmethod
     def useful() -> bool:
-        """Whether there is a processor for it, and no mpirun that has others to feed."""
+        """Whether a processor is free for it: there are several, and no mpirun uses them."""
         launched = any(f"{name}_SIZE" in os.environ for name in ("OMPI_COMM_WORLD", "PMI"))
         return len(os.sched_getaffinity(0)) > 1 and not launched
 
@@ -59,11 +59,11 @@ class Beside:
     def __exit__(self, *error: object) -> None:
         with suppress(OSError):
             self._stream.close()
-        self._socket.close()  # it ends when nothing more can come
+        self._socket.close()  # which ends the process
         self._process.wait()
 
     def open(self, opening: Opening, lock: Lock) -> Beside:
-        """Begin, and share the run directory's lock."""
+        """Open the files of a run, and share the run directory's lock."""
         try:
             socket.send_fds(self._socket, [b"-"], lock.descriptors)
         except OSError:
@@ -95,7 +95,7 @@ class Beside:
         try:
             pickle.dump(message, self._stream, pickle.HIGHEST_PROTOCOL)
             self._stream.flush()
-        except OSError:  # it has left; its last answer says why
+        except OSError:  # the process has ended; its last answer says why
             while True:
                 self._answer()
         self._due += 1
@@ -104,12 +104,14 @@ class Beside:
         """The next answer.
 
         Raises:
-            PlatformError: What the writer met.
+            PlatformError: If the process failed or died.
         """
         try:
             found = pickle.load(self._stream)
         except (EOFError, OSError, pickle.UnpicklingError):
-            raise PlatformError("the process that writes results died; is memory short?") from None
+            raise PlatformError(
+                "the process that writes results died; the machine may be out of memory"
+            ) from None
         if isinstance(found, PlatformError):
             raise found
         self._due -= 1

@@ -18,13 +18,13 @@ _AHEAD = 2  # records that are read before they are written
 
 
 def main(file: int) -> None:
-    """Write what comes until there is no more.
+    """Write the records that come through a socket until it is closed.
 
     Args:
         file: Descriptor of the socket.
     """
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1):
-        signal.signal(number, signal.SIG_IGN)  # they are for the run, whose end is its end
+        signal.signal(number, signal.SIG_IGN)  # the run handles them, and this process ends with it
     with socket.socket(fileno=file) as link:
         lock = socket.recv_fds(link, 1, 1)[1]  # it is held until this process ends
         with link.makefile("rb") as inputs, link.makefile("wb") as answers:
@@ -45,7 +45,7 @@ def _receive(inputs: IO[bytes], messages: queue.Queue[Any]) -> None:
             messages.put(pickle.load(inputs))
     except (EOFError, OSError):  # the run has ended
         messages.put(None)
-    except Exception as error:  # or was killed in the middle of a message
+    except Exception as error:  # the run was killed in the middle of a message
         messages.put(error)
 
 
@@ -65,13 +65,13 @@ def _write(messages: queue.Queue[Any], answers: IO[bytes]) -> None:
 
 
 def _answer(answers: IO[bytes], value: Any) -> None:
-    with suppress(OSError):  # the run may be gone; what it gave is written nevertheless
+    with suppress(OSError):  # the run may have ended; its records are written nevertheless
         pickle.dump(value, answers)
         answers.flush()
 
 
 def _failure(error: BaseException) -> PlatformError:
-    """What a writer's failure is to the run."""
+    """The error that the run raises for a failure of the writer."""
     if isinstance(error, PlatformError):
         return error
     return PlatformError(f"writing results failed ({type(error).__name__}: {error})")

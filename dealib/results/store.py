@@ -27,11 +27,11 @@ STATE_DATA = "states"  # folder of the states' files beside it, while the run go
 
 
 class HistoryFile:
-    """`history.csv`: one flushed line a converged step.
+    """`history.csv`: one flushed line per converged step.
 
     Args:
         directory: The run directory.
-        keep: Go on after this step; later rows are dropped.
+        keep: Continue after this step; later rows are dropped.
     """
 
     def __init__(self, directory: Path, keep: int = -1) -> None:
@@ -75,12 +75,12 @@ def _text(value: Any) -> Any:
 
 
 def _keep(file: Any, name: str, values: npt.NDArray[Any]) -> None:
-    """Store an array with checksums, so that damage does not pass for numbers."""
+    """Store an array with checksums, so that reading notices damage."""
     file.create_dataset(name, data=values, fletcher32=True)
 
 
-# beside nodal values: C_i of Maxwell branches, as `fields` wants it; modes, (modes, nodes, axes);
-# velocities, (nodes, axes)
+# arrays that a state may have: internal variables (see `fields.Fields`), (cells, points, entries,
+# 4), modes, (modes, nodes, axes), and velocities, (nodes, axes)
 _MORE = ("internal", "modes", "velocity")
 _CHUNK = 64  # rows of the history that are allocated at a time
 
@@ -88,15 +88,15 @@ _CHUNK = 64  # rows of the history that are allocated at a time
 class StateFile:
     """`results.h5`: mesh, config, versions, history and nodal states.
 
-    While the run goes on each state is a file of its own and `results.h5`, which links to them, is
-    kept in memory; `flush` replaces it whole, and `close` gathers everything into the one file.
+    While the run continues, each state is a file of its own. `results.h5`, which links to them, is
+    kept in memory; `flush` replaces it as a whole, and `close` copies everything into it.
 
     Args:
         directory: The run directory.
         mesh: Mesh of the states.
         axes: Names of its coordinates.
-        texts: What else to store, by name.
-        keep: Go on after this step; later ones are dropped.
+        texts: Texts to store, by name.
+        keep: Continue after this step; later ones are dropped.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class StateFile:
         texts: Mapping[str, str],
         keep: int = -1,
     ) -> None:
-        # the last component in the mixed form only
+        # p exists in the mixed form only
         self._components = [*(f"u_{axis}_mm" for axis in axes), "phi_kV", "p_MPa"]
         self.path, self.folder = directory / STATES, directory / STATE_DATA
         with guarded(self.folder):
@@ -126,8 +126,8 @@ class StateFile:
         self._link("mesh", "mesh.h5", "/")
         self._file.create_group("states")
         self._history = self._file.create_group("history", track_order=True)
-        self._columns: dict[str, Any] = {}  # to look them up by name costs as much as to write
-        self._rows: list[Mapping[str, Any]] = []  # that are not in it yet
+        self._columns: dict[str, Any] = {}  # kept, since h5py's look-up costs as much as writing
+        self._rows: list[Mapping[str, Any]] = []  # rows that are not in the file yet
         if keep >= 0:
             self._reopen(keep)
         self.flush()
@@ -139,8 +139,8 @@ class StateFile:
 
         Args:
             row: The row.
-            state: Nodal values.
-            more: What else there is of it, by the names of `_MORE`.
+            state: Nodal values, (nodes, columns); None if they are not to be stored.
+            more: Further arrays of the state, by the names of `_MORE`.
         """
         self._rows.append(row)
         if state is not None:
@@ -155,7 +155,7 @@ class StateFile:
             self._link_state(name, there)
 
     def flush(self) -> None:
-        """Write what there is."""
+        """Write all rows and links to the disk."""
         for name in self._rows[0] if self._rows else ():
             self._append(name, [row[name] for row in self._rows])
         self._rows.clear()
@@ -174,7 +174,7 @@ class StateFile:
             shutil.rmtree(self.folder)
 
     def _reopen(self, keep: int) -> None:
-        """Take up the history and the states up to a step, gathered or not."""
+        """Read the history and the states up to step `keep`, in one file or several."""
         with h5py.File(self.path, "r") as file:
             count = int((file["history/step"][:] <= keep).sum())
             for name, values in file["history"].items():
@@ -212,7 +212,7 @@ class StateFile:
             self._link(f"{key}/{name}", f"{name}.h5", f"/{key}")
 
     def _gather(self, file: Any) -> None:
-        """Copy everything into one file, and with it what is linked."""
+        """Copy everything into one file, including what is linked."""
         links = {}
 
         def copy(group: Any, path: str) -> None:
