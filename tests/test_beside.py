@@ -16,7 +16,7 @@ import dealib
 from dealib.errors import ConfigError, PlatformError
 from dealib.program import directory as run_directory
 from dealib.program import run as program_run
-from dealib.results import store
+from dealib.results import store, xdmf
 from dealib.results.beside import Beside
 from dealib.results.history import HISTORY
 from dealib.results.lock import Lock
@@ -76,7 +76,7 @@ def test_its_death_is_reported_and_the_run_goes_on_from_there(tmp_path):
 
 def test_its_failure_is_the_runs(tmp_path):
     case = dealib.load(HERE / "small.yaml")
-    fields = tmp_path / "run" / store.FIELD_DATA
+    fields = tmp_path / "run" / xdmf.FIELD_DATA
     with Beside() as beside:
         away = At(6, lambda: fields.rename(tmp_path / "away"))
         with pytest.raises(PlatformError, match=r"cannot write .*No such file or directory"):

@@ -430,7 +430,7 @@ def test_data_are_prepared_and_their_reading_is_told(tmp_path):
     (tmp_path / "data.csv").write_text(data, encoding="utf-16")
     told = []
     fitted = run_search(plan, Lines(), told.append)
-    assert told[0].startswith("data.csv: UTF-16; columns parted by ';'; decimal mark ','; ")
+    assert told[0].startswith("data.csv: UTF-16; columns separated by ';'; decimal mark ','; ")
     assert told[0].endswith("; force_N plus -7 mN; 1 row without a point left out")
     (curve,) = fitted.found.comparisons[0]
     assert len(curve.measured) == 20

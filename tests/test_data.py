@@ -475,7 +475,7 @@ def test_compare_takes_several_files_and_says_how_each_was_read(tmp_path, strip_
     done = call(*files, *columns, *signs)
     assert done.exit_code == 0, done.exception
     assert done.output.count("force_N  12      ") == 2
-    assert "a.csv: UTF-16; columns parted by ';'; decimal mark ','" in done.output
+    assert "a.csv: UTF-16; columns separated by ';'; decimal mark ','" in done.output
     assert all(float(line.split()[-1]) > 0.999999 for line in done.output.splitlines()
                if line.startswith("force_N "))  # fmt: skip
     assert (tmp_path / "both.png").is_file()
@@ -499,7 +499,7 @@ def test_data_command_shows_what_is_read(tmp_path, monkeypatch):
     done = CliRunner().invoke(app, ["data", "a.csv"])
     assert done.exit_code == 0, done.exception
     assert done.output.splitlines() == [
-        "a.csv: UTF-8; columns parted by ';'; decimal mark ','; header in line 2; "
+        "a.csv: UTF-8; columns separated by ';'; decimal mark ','; header in line 2; "
         "3 rows from line 3 on; 1 overload cell",
         "column    unit  numbers  first  least  largest",
         "Zeit      s     3        0.5    0.5    0.7",

@@ -22,7 +22,7 @@ from dealib import files
 from dealib.errors import ConfigError, PlatformError
 from dealib.program import run as program_run
 from dealib.program.provenance import git_hash
-from dealib.results import store
+from dealib.results import store, xdmf
 from dealib.results.history import HISTORY
 from dealib.results.info import INFO
 from dealib.results.lock import Lock
@@ -127,7 +127,7 @@ def assert_readable(directory, whole):
         np.testing.assert_allclose(run.state(index), whole.state(index), atol=1e-9)
     with h5py.File(directory / store.STATES, "r") as file:
         assert len(file["history"].get("step", ())) == len(stored)
-    reader = pv.get_reader(directory / store.FIELDS)
+    reader = pv.get_reader(directory / xdmf.FIELDS)
     assert len(reader.time_values) >= rows
     reader.set_active_time_value(reader.time_values[-1])
     assert np.isfinite(reader.read().point_data["cauchy_stress"]).all()
@@ -180,8 +180,8 @@ def test_killed_between_any_two_writes(tmp_path, whole, wanted, monkeypatch):
     class Stopped(BaseException):
         pass
 
-    for point, count in ((store.HistoryFile, 5), (store.StateFile, 10), (store.FieldFile, 2)):
-        if point is store.FieldFile and wanted == "none":
+    for point, count in ((store.HistoryFile, 5), (store.StateFile, 10), (xdmf.FieldFile, 2)):
+        if point is xdmf.FieldFile and wanted == "none":
             continue
         directory = tmp_path / point.__name__
         with monkeypatch.context() as patch:

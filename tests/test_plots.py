@@ -326,7 +326,7 @@ def test_every_field_of_the_help_can_be_drawn(shape):
                 what.of(shape.arrays)
             continue
         if what.name == "wrinkling" or what.is_mode:
-            why = "stability is lost" if what.is_mode else "it is that of a tension field"
+            why = "stability is lost" if what.is_mode else "physics.wrinkling: tension_field only"
             with pytest.raises(ConfigError, match=why):
                 what.of(shape.arrays)
             continue

@@ -20,7 +20,7 @@ from dealib.errors import ConfigError
 from dealib.fem.layout import Layout
 from dealib.fem.problem import build_problem
 from dealib.program.run import line
-from dealib.results import stages, store
+from dealib.results import stages, store, xdmf
 from dealib.results.summary import actuations
 from dealib.units import counted, neat
 
@@ -69,7 +69,7 @@ def test_results_file_stands_alone(strip_run, tmp_path):
 def test_xdmf_in_pyvista(strip_run):
     import pyvista as pv
 
-    reader = pv.get_reader(strip_run.directory / store.FIELDS)
+    reader = pv.get_reader(strip_run.directory / xdmf.FIELDS)
     assert reader.time_values == pytest.approx(strip_run.history["time_s"].tolist())
     reader.set_active_time_value(reader.time_values[-1])
     grid = reader.read()
@@ -89,7 +89,7 @@ def test_fields_of_the_reader_agree_with_the_file(strip_run):
     import pyvista as pv
 
     grid = strip_run.fields(-1)
-    reader = pv.get_reader(strip_run.directory / store.FIELDS)
+    reader = pv.get_reader(strip_run.directory / xdmf.FIELDS)
     reader.set_active_time_value(reader.time_values[-1])
     other = reader.read()
     for name in FIELDS:
@@ -211,7 +211,7 @@ def test_fields_are_stored_as_asked(tmp_path, wanted, stored):
     )
     run = dealib.simulate(small, tmp_path / "run")
     assert run.stored_steps == stored
-    assert (run.directory / store.FIELDS).exists() is bool(stored)
+    assert (run.directory / xdmf.FIELDS).exists() is bool(stored)
 
 
 def test_an_existing_directory_is_kept(strip_run, tmp_path):

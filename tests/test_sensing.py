@@ -347,7 +347,7 @@ def test_the_command_draws_and_inverts(swept, strip_run):
     for wrong, message in (("250", "expected pF,kV"), ("99,1", "no displacement")):
         with pytest.raises(ConfigError, match=message):
             sense([swept.directory], wrong, None, False, False)
-    with pytest.raises(ConfigError, match="no map: it takes at least 6 displacements"):
+    with pytest.raises(ConfigError, match="no map: it needs at least 6 displacements"):
         CapacitanceMap.of([strip_run.history.iloc[13:]])
 
 

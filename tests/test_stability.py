@@ -104,7 +104,7 @@ def test_a_strip_buckles_at_its_voltage(tmp_path):
     assert 'alt="The softest mode' in (run.directory / "report.html").read_text()
     none = CliRunner().invoke(app, ["plot", str(run.directory), "--field", "mode", "--step", "2"])
     assert isinstance(none.exception, ConfigError)
-    assert "modes are those of a step at which stability is lost" in str(none.exception)
+    assert "modes exist where stability is lost, with output.modes" in str(none.exception)
 
 
 @pytest.mark.slow

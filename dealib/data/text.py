@@ -72,7 +72,7 @@ def read_text(path: Path, data: bytes, wanted: Format, notes: Sequence[str]) -> 
     frame = _frame(path, lines, (start, stop), delimiter, decimal, widest, rows)
     told = [
         *notes,
-        f"columns parted by {DELIMITERS.get(delimiter, repr(delimiter))}",
+        f"columns separated by {DELIMITERS.get(delimiter, repr(delimiter))}",
         f"decimal mark {decimal!r}",
         f"header in line {last}" if above else "no header",
         f"{len(frame)} rows from line {start + 1} on",

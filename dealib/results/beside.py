@@ -1,8 +1,9 @@
-"""A writer in a process of its own: the solver goes on while results are written.
+"""A writer in a separate process: the solver continues while results are written.
 
-Records go through a socket, in order, and each is answered when it is on the disk. When its run is
-killed, the process writes what it was given and ends. It shares the run directory's lock, so that
-nobody takes the directory up before.
+Records are sent through a socket, in order. The process answers each one once it is on the disk,
+and at most `_AHEAD` records may be unanswered. If the run is killed, the process writes the records
+that it has received and ends. It shares the lock of the run directory, so that no other run uses
+the directory before.
 """
 
 from __future__ import annotations
@@ -45,7 +46,7 @@ class Beside:
                 pass_fds=(theirs.fileno(),),
                 start_new_session=True,  # the terminal's Ctrl-C is the run's alone
             )
-        self._due = 0  # answers
+        self._due = 0  # answers that are still to come
 
     @staticmethod
     def useful() -> bool:
@@ -58,11 +59,11 @@ class Beside:
 
     def __exit__(self, *error: object) -> None:
         self._link.close()
-        self._socket.close()  # it ends when nothing more can come
+        self._socket.close()  # which ends the process
         self._process.wait()
 
     def open(self, opening: Opening, lock: Lock) -> Beside:
-        """Begin, and share the run directory's lock."""
+        """Open the files of a run, and share the run directory's lock."""
         with suppress(OSError):  # it has left; the next message tells why
             socket.send_fds(self._socket, [b"-"], lock.descriptors)
         self._send(opening)

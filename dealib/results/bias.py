@@ -1,4 +1,4 @@
-"""The chart of a biased film: force over displacement of film and bias, and where they meet."""
+"""The chart of a biased film: force over displacement of film and bias, and their equilibria."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """Where film and bias balance.
+    """A state in which film and bias are in equilibrium.
 
     Attributes:
-        voltage: Of the film, kV.
-        displacement: Of the mount, mm.
-        force: On the mount, N.
-        stiffness: Slope of the film's force less that of the bias, N/mm.
+        voltage: Voltage of the film, kV.
+        displacement: Displacement of the mount, mm.
+        force: Force on the mount, N.
+        stiffness: Slope of the film's force minus that of the bias, N/mm.
     """
 
     voltage: float
@@ -34,18 +34,18 @@ class Equilibrium:
 
     @property
     def stable(self) -> bool:
-        """Whether the mount comes back when it is moved a little, at constant voltage."""
+        """Whether the equilibrium is stable at constant voltage."""
         return self.stiffness > 0
 
 
 @dataclass(frozen=True)
 class Stroke:
-    """What the voltage does to a biased film, slowly enough for inertia not to matter.
+    """The quasi-static stroke of a biased film when the voltage is switched on and off.
 
     Attributes:
-        start: Where the mount is without voltage.
-        end: Where it goes under voltage.
-        back: Where it goes when the voltage is taken away again.
+        start: Equilibrium without voltage.
+        end: Equilibrium that the film reaches under voltage.
+        back: Equilibrium that it reaches when the voltage is switched off again.
     """
 
     start: Equilibrium
@@ -54,12 +54,12 @@ class Stroke:
 
     @property
     def length(self) -> float:
-        """Way that the voltage moves the mount, mm."""
+        """Distance by which the voltage moves the mount, mm."""
         return abs(self.end.displacement - self.start.displacement)
 
     @property
     def returns(self) -> bool:
-        """Whether the mount comes back to where it was."""
+        """Whether the mount returns to its start."""
         return self.back == self.start
 
 
@@ -68,11 +68,11 @@ class BiasChart:
     """Curves over one displacement, and their equilibria.
 
     Attributes:
-        name: Of the config.
-        displacement: Of the mount, mm, increasing.
-        film: Force on the film's mount by voltage (kV), N; the first one is without voltage.
-        bias: Force of the bias, N.
-        equilibria: By voltage, from the lowest displacement up.
+        name: Name of the config.
+        displacement: Displacements of the mount, mm, ascending, (points,).
+        film: Force on the film's mount, N, (points,), by voltage (kV); the first one is at 0 kV.
+        bias: Force of the bias, N, (points,).
+        equilibria: Equilibria by voltage, by ascending displacement.
     """
 
     name: str
@@ -88,14 +88,14 @@ class BiasChart:
 
     @property
     def frame(self) -> pandas.DataFrame:
-        """The curves over the displacement, for pandas."""
+        """The curves over the displacement as a table."""
         import pandas as pd
 
         film = {f"film_at_{volts:g}_kV_N": force for volts, force in self.film.items()}
         return pd.DataFrame({"displacement_mm": self.displacement, **film, "bias_N": self.bias})
 
     def strokes(self) -> list[Stroke]:
-        """One for each stable state without voltage from which the voltage leads to another."""
+        """Strokes from each stable state without voltage to the state that it reaches under it."""
         rest, full = self.film
         found = []
         for start in self.equilibria[rest]:
@@ -107,7 +107,7 @@ class BiasChart:
         return found
 
     def notes(self) -> list[str]:
-        """What is missing within the chart: equilibria, and the ends of strokes."""
+        """Notes on equilibria and ends of strokes that lie outside the chart."""
         reach = f"within {self.displacement[0]:g} .. {self.displacement[-1]:g} mm"
         found = [
             f"{volts:g} kV: film and bias do not meet {reach}"
@@ -154,7 +154,7 @@ def _write(path: Path, header: list[str], rows: list[list[float]]) -> None:
 
 
 def crossings(x: Array, net: Callable[[Array], Any]) -> list[float]:
-    """Zeros of a continuous function between points that are close enough to tell them apart."""
+    """Zeros of a continuous function: one between any two neighbouring points of different sign."""
     from scipy.optimize import brentq
 
     values = net(x)

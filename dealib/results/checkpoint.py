@@ -1,4 +1,4 @@
-"""The checkpoint of a run: what it needs to go on, replaced whole after each converged step."""
+"""The checkpoint from which a run is resumed, replaced as a whole after each converged step."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class Checkpoint:
     Attributes:
         values: Plain values of the program.
         mesh: Fingerprint of the mesh that the states belong to.
-        states: Nodal (u_R, u_Z, phi) of the last converged steps, newest last; on rank 0 only.
-        beside: What else there is of the last one, by name (see `Record.beside`); likewise.
-        history: Checksum of the history's rows up to there (see `chained`).
+        states: Nodal values of the last converged steps, (nodes, columns), newest last; on rank 0.
+        beside: Further arrays of the last step, by name (see `Record.beside`); on rank 0.
+        history: Checksum of the history's rows up to the last step (see `chained`).
     """
 
     values: dict[str, Any]
@@ -46,9 +46,9 @@ class Checkpoint:
 class CheckpointFolder:
     """`checkpoint/`: the last states, and the values that belong to them.
 
-    A new state is a new file; the values, which name the step, are replaced after it. So there is
-    one whole checkpoint at every moment. With the values are checksums of all that it holds, and of
-    the rows of the history.
+    A new state is a new file. The values, which name the step, are replaced after it, so that one
+    complete checkpoint exists at every moment. The file of the values also holds checksums of all
+    files and of the rows of the history.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -120,7 +120,7 @@ class CheckpointFolder:
         return saved
 
     def _found(self) -> dict[str, Any] | None:
-        """What stands with the values; None before anything has converged."""
+        """Content of the file of values; None before any step has converged."""
         path = self.folder / VALUES
         return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None
 

@@ -1,9 +1,10 @@
-"""Equivalent circuits of a spectrum: a capacitor with what leaks and what resists, and motion.
+"""Equivalent circuits of an impedance spectrum.
 
     Z = Rs + 1/(1/Rp + i omega C + 1/(Rm + i omega Lm + 1/(i omega Cm)))
 
-The mechanical branch Rm, Lm, Cm (Butterworth and van Dyke) stands for one resonance, at
-1/(2 pi sqrt(Lm Cm)), of the quality sqrt(Lm/Cm)/Rm.
+C is the capacitance, Rs the series resistance, Rp the leakage. The mechanical branch Rm, Lm, Cm
+(Butterworth and van Dyke) stands for one resonance at the frequency 1/(2 pi sqrt(Lm Cm)), with the
+quality factor sqrt(Lm/Cm)/Rm.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 _GAIN = 10.0  # by which an added part must lower the information criterion
-_PEAK, _BESIDE = 0.5, 1.4  # least height of its logarithm; ratio of frequencies beside it
-_WIDE = 1e12  # over a start: as far as a value may go
+_PEAK = 0.5  # least prominence of a resonance in the logarithm of the losses
+_BESIDE = 1.4  # ratio of frequencies at which the capacitance below and above it is taken
+_WIDE = 1e12  # largest ratio of a value to its start
 _QUANTILE = 0.975
 UNITS = {"C": "F", "Rs": "ohm", "Rp": "ohm", "Cm": "F", "Lm": "H", "Rm": "ohm"}
 
@@ -42,23 +44,23 @@ class Value:
 
 @dataclass(frozen=True)
 class Circuit:
-    """A circuit that was fitted.
+    """A fitted circuit.
 
     Attributes:
         values: Its parts.
-        misfit: Root mean square of the relative difference of impedances.
+        misfit: Root mean square of the relative differences of the impedances.
     """
 
     values: tuple[Value, ...]
     misfit: float
 
     def impedance(self, hertz: Array) -> Complex:
-        """In ohm."""
+        """Complex impedance at frequencies, ohm."""
         return impedance({v.name: v.value for v in self.values}, hertz)
 
 
 def read(table: Any, hertz: Array, measured: Complex) -> Circuit:
-    """The circuit of a table of `circuit.csv`, which was fitted to these impedances (ohm)."""
+    """The circuit in a table of `circuit.csv`, and its misfit to given impedances (ohm)."""
     rows = zip(*(table[name] for name in ("part", "value", "low", "high")), strict=True)
     values = tuple(Value(str(name), *map(float, numbers)) for name, *numbers in rows)
     missed = np.log(impedance({v.name: v.value for v in values}, hertz) / measured)
@@ -82,10 +84,11 @@ def impedance(parts: dict[str, float], hertz: Array) -> Complex:
 
 
 def fit(hertz: Array, measured: Complex) -> Circuit:
-    """The simplest circuit that no further part makes much better.
+    """Fit a circuit with as few parts as the spectrum needs.
 
-    The part that lowers Akaike's criterion most is added, as long as that is by ten. The residual
-    is the difference of the logarithms of the impedances, so that all frequencies count alike.
+    Parts are added one at a time: the one that lowers Akaike's criterion most, as long as it lowers
+    it by ten. The residual is the difference of the logarithms of the impedances, so that all
+    frequencies count alike.
 
     Args:
         hertz: Frequencies.
@@ -119,7 +122,7 @@ def _leak(start: dict[str, float], hertz: Array, measured: Complex) -> dict[str,
 
 
 def _motion(start: dict[str, float], hertz: Array, measured: Complex) -> dict[str, float]:
-    """A branch at the clearest peak of the losses in a period."""
+    """A mechanical branch at the most prominent peak of the losses per period."""
     from scipy.signal import find_peaks
 
     omega, admittance = 2 * np.pi * hertz, 1 / (measured - start.get("Rs", 0.0))

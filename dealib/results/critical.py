@@ -19,17 +19,17 @@ _LOSS = "loss of stability"
 
 @dataclass(frozen=True)
 class CriticalPoint:
-    """A special state of a branch that was followed, or one at which stability is lost.
+    """A limit point or bifurcation of a followed branch, or a loss of stability.
 
     Attributes:
-        stage: Name of the stage, numbered if there are several of it.
+        stage: Name of the stage, numbered if several stages have this name.
         what: 'limit point', 'bifurcation' or 'loss of stability'.
-        vary: The variable that was set free or driven, such as 'voltage'.
-        value: Of it, in its unit.
-        unit: kV, uC, mm or N.
-        at: The variable that measures the state, such as displacement: its value.
-        at_unit: Its unit.
-        modes: Number of unstable modes before and after it; none where the branch ends there.
+        vary: Name of the variable that was unknown or driven, such as 'voltage'.
+        value: Value of that variable.
+        unit: Unit of `value`, such as kV.
+        at: Value of a second variable, such as the displacement of the mount.
+        at_unit: Unit of `at`.
+        modes: Number of unstable modes before and after; None after it if the branch ends there.
     """
 
     stage: str
@@ -43,7 +43,7 @@ class CriticalPoint:
 
     @property
     def name(self) -> str:
-        """Such as 'limit voltage (pull-in)', if stability is lost there."""
+        """What to call it, such as 'limit voltage (pull-in)'."""
         if self.what == _LOSS:
             return self.what
         lost = self.modes[0] == 0 and self.what == "limit point"
@@ -65,12 +65,14 @@ def critical_points(run: Run) -> list[CriticalPoint]:
 
 
 def lost_at(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """The numbers of the state at which the softest mode has no stiffness.
+    """The columns at the state at which the stiffness of the softest mode is zero.
+
+    They are interpolated over the stiffness: linearly between the last two rows, or by a parabola
+    through three rows if the stiffness falls in both intervals and the parabola stays between the
+    last two values.
 
     Args:
-        rows: Of the history: an unstable state, after up to two others. Numbers are interpolated
-            over the stiffness from the last stable one; where it has fallen since the one before
-            that too, over all three, if that stays between the last two.
+        rows: Rows of the history: an unstable state, after up to two others.
     """
     stiffness = [float(row["softest_mode_N_per_mm"]) for row in rows]
     if len(rows) == 1 or not stiffness[-2] > 0 > stiffness[-1]:
@@ -92,7 +94,7 @@ def _at_zero(x: Sequence[float], y: Sequence[float]) -> float:
 
 
 def _losses(run: Run) -> list[CriticalPoint]:
-    """Where a stage that follows no branch leaves stable states."""
+    """Losses of stability in stages that follow no branch."""
     h, program, device = run.history, run.config.program, run.config.device
     if "softest_mode_N_per_mm" not in h:
         return []
@@ -105,7 +107,7 @@ def _losses(run: Run) -> list[CriticalPoint]:
             continue
         rows: list[Any] = h.iloc[max(k - 2, 0) : k + 1].to_dict("records")
         at, before, row = lost_at(rows), rows[-2 if k else -1], rows[-1]
-        moved = [  # what drives it comes first, and voltages before all
+        moved = [  # variables that changed: driven ones first, among them voltages first
             (driven[n][port.name] != v.name, port.kind != TERMINAL, port.column(v), port)
             for port in device.ports
             for v in port.kind.variables

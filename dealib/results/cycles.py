@@ -1,4 +1,4 @@
-"""Closed cycles of a history: the work of both ports in each, and what became of it."""
+"""Closed cycles of a history: the work at the ports in each of them, and its efficiency."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ _LEAST = 1e-3  # of the columns' units: smallest such value, above the solver's 
 
 @dataclass(frozen=True)
 class Cycle:
-    """Work in one cycle, mJ; what is done on the device is positive.
+    """Work in one cycle, mJ; work done on the device is positive.
 
     Attributes:
-        name: Its stages.
+        name: Names of its stages.
         first: Step with which it begins.
         last: Step with which it ends.
-        electrical_in: What the terminals together delivered, before anything came back.
-        electrical_out: What came back through them.
-        mechanical_in: What mounts and chambers together delivered, before anything came back.
-        mechanical_out: What came back through them.
-        dissipated: In the device.
+        electrical_in: Sum of the increments of work that the terminals did on the device.
+        electrical_out: Sum of the increments of work that the device did on the terminals.
+        mechanical_in: The same as `electrical_in` for mounts and chambers.
+        mechanical_out: The same as `electrical_out` for mounts and chambers.
+        dissipated: Energy dissipated in the device.
     """
 
     name: str
@@ -65,7 +65,7 @@ class Cycle:
 
     @property
     def efficiency(self) -> float:
-        """Net output of one port over the gross input of the other; NaN if nothing is driven."""
+        """Net output of one kind of port over the gross input of the other; NaN without input."""
         out, source = -self.mechanical, self.electrical_in
         if self.electrical < 0:  # a generator
             out, source = -self.electrical, self.mechanical_in
@@ -75,9 +75,9 @@ class Cycle:
 def cycles(run: Run) -> list[Cycle]:
     """The cycles of a run, in order.
 
-    A stage that brings all that it drives back to where it was is one cycle, or several if it is
-    repeated; other cycles are stages at whose end displacements, voltages and pressures are those
-    at the end of an earlier one.
+    A stage at whose end all its inputs have their initial values is one cycle, or several if it is
+    repeated. Otherwise a cycle is a sequence of stages at whose end displacements, voltages and
+    pressures have the values that they had before it.
     """
     h, device = run.history, run.config.device
     ports = [port.column(port.kind.primal) for port in device.ports]
@@ -117,7 +117,7 @@ def _boundaries(run: Run) -> Iterator[tuple[Stage, str, list[int]]]:
 
 
 def _driven(stage: Stage, device: Device) -> list[str]:
-    """Columns of what a stage drives; of the anchor of a spring, or of gas, both of the port's."""
+    """Columns that a stage drives; for a spring or an enclosed gas both columns of the port."""
     found = []
     for name, given in stage.driven(device).items():
         port, what = device.by_name[name], given.given[0]

@@ -1,4 +1,4 @@
-"""Which device runs are of, by their configs."""
+"""Whether several runs are of the same device, judged by their configs."""
 
 from __future__ import annotations
 
@@ -16,16 +16,20 @@ _TOLD = 4  # differing keys
 
 
 def check_device(runs: Sequence[Run]) -> None:
-    """See that runs are of one device whose state depends on displacement and voltage alone.
+    """Check that runs are of one device whose state depends on displacement and voltage alone.
 
     Raises:
-        ConfigError: If devices differ, with the keys, or a material has a memory.
+        ConfigError: If the devices differ (the message names the keys), or if a material depends on
+            its history.
     """
     first, *others = devices = [dict(_values("", _device(run.config))) for run in runs]
     for run, device in zip(runs[1:], others, strict=True):
         keys = [k for k in {**first, **device} if first.get(k) != device.get(k)]
         if keys:
-            told = [f"{k} ({_told(first, k)}, {_told(device, k)})" for k in keys[:_TOLD]]
+            told = [
+                f"{k} ({first.get(k, 'not given')}, {device.get(k, 'not given')})"
+                for k in keys[:_TOLD]
+            ]
             told += [f"{len(keys) - _TOLD} keys more"] if len(keys) > _TOLD else []
             raise ConfigError(
                 f"no map: {runs[0].directory} and {run.directory} differ in {', '.join(told)}"
@@ -44,14 +48,10 @@ def _device(config: Config) -> dict[str, Any]:
 
 
 def _values(path: str, node: Any) -> Iterator[tuple[str, Any]]:
-    """Dotted keys and values; the name of a material in the library is none."""
+    """Dotted keys and values, without the name of a material's entry in the library."""
     if not isinstance(node, (dict, list, tuple)):
         yield path, node
         return
     for key, value in node.items() if isinstance(node, dict) else enumerate(node):
         if key != "library":
             yield from _values(f"{path}.{key}".lstrip("."), value)
-
-
-def _told(device: dict[str, Any], key: str) -> str:
-    return str(device.get(key, "not given"))

@@ -1,4 +1,4 @@
-"""Lagrange cells in numpy: shape functions, points of derivatives, in VTK's node order."""
+"""Lagrange cells in numpy: shape functions and Gauss points, with nodes in VTK's order."""
 
 from __future__ import annotations
 
@@ -223,16 +223,16 @@ def gradients(cell: Cell, nodes: Array, points: Array) -> tuple[Array, Array]:
 
 
 def face(nodes: Array, corners: int, side: int, across: int = 1) -> npt.NDArray[np.bool_]:
-    """Which sides of plane cells are on the upper face of the body that they make up, or the lower.
+    """Which sides of plane cells lie on the upper or the lower face of their body.
 
     Args:
-        nodes: Of all cells of the body, (cells, nodes, 2).
+        nodes: Coordinates of the nodes of all cells of the body, (cells, nodes, 2).
         corners: Number of corners of a cell.
         side: 1 for the upper face, -1 for the lower one.
-        across: Number of the axis that is up.
+        across: Number of the axis that points upwards.
 
     Returns:
-        For the sides from each corner to the next, (cells, corners).
+        True or False for the side from each corner to the next, (cells, corners).
     """
     here = nodes[:, :corners] if across == 1 else nodes[:, :corners, ::-1]
     ends = np.roll(here, -1, axis=1)

@@ -1,4 +1,4 @@
-"""All fields of a state for the eye: from nodal u and phi on a `ResultMesh`."""
+"""Nodal fields of a state, such as stresses, from nodal u and phi on a `ResultMesh`."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def fields(
 
 
 def named(modes: Array | None, velocity: Array | None = None) -> dict[str, Array]:
-    """Modes as fields 'mode', 'mode2', ..., and the velocity in mm/s, (nodes, 3)."""
+    """Modes as fields 'mode', 'mode2', ..., and 'velocity' in mm/s, (nodes, 3) each."""
     found = {}
     if velocity is not None:
         found["velocity"] = np.pad(velocity, ((0, 0), (0, 3 - velocity.shape[1])))
@@ -34,7 +34,7 @@ def named(modes: Array | None, velocity: Array | None = None) -> dict[str, Array
 
 
 class Fields:
-    """Derives the nodal fields of states; what is the same in all of them is found once.
+    """Derives the nodal fields of states; quantities common to all states are computed once.
 
     Args:
         config: The config of the run.
@@ -59,17 +59,20 @@ class Fields:
 
         Args:
             state: Nodal u by axis and phi, and p in the mixed form, shape (nodes, columns).
-            internal: What materials remember at the Gauss points of `local.cells_with_memory`,
-                packed, (cells, points, entries, 4).
+            internal: Internal variables of materials at the Gauss points of
+                `local.cells_with_memory`, packed, (cells, points, entries, 4).
 
         Returns:
-            u (mm) and phi (kV); E (kV/mm) and D (uC/mm^2) in the deformed body; cauchy_stress and
-            second_pk_stress (of the solid, per mesh area for the latter) and maxwell_stress, MPa:
-            all that the field adds, electrostriction included where the permittivity depends on
-            stretch; J = det F; in the mixed form p (MPa, positive in tension); in tension fields
-            wrinkling, the share by which the film is longer than the surface, and crest, that times
-            the direction of the crests, of either sign. Vectors and tensors have the components of
-            the kinematics.
+            Arrays by name, (nodes,), (nodes, 3) or (nodes, 3, 3), with the components of the
+            kinematics:
+
+            - u (mm), phi (kV), J = det F;
+            - E (kV/mm) and D (uC/mm^2), the true fields in the deformed body;
+            - cauchy_stress and second_pk_stress of the material (MPa; the latter per mesh area),
+              and maxwell_stress, the stress of the field with electrostriction (MPa);
+            - p in the mixed form (MPa, positive in tension);
+            - in tension fields wrinkling, the excess length of the film over its surface, and
+              crest, that times a unit vector along the crests, whose sign is arbitrary.
         """
         n, axes = len(self._mesh.points), self._axes
         out: dict[str, Array] = {
@@ -139,8 +142,8 @@ class _Part:
 
     Attributes:
         material: The material.
-        blocks: The cells, as many at a time as the memory bears.
-        average: At their nodes.
+        blocks: The cells, in blocks that fit into the memory.
+        average: Averages their values at the nodes.
     """
 
     material: stress.RegionMaterial
@@ -153,11 +156,11 @@ class _Block:
     """Some cells.
 
     Attributes:
-        mesh: Their mesh.
-        cells: Their indices.
-        viscous: Their indices among the cells with Maxwell branches, if they have some.
-        make: Makes points of cells from their nodes and the points' reference coordinates.
-        kept: Whether their Gauss points are kept from one state to the next.
+        mesh: The mesh.
+        cells: Indices of the cells.
+        viscous: Indices of the cells among those with internal variables.
+        make: Makes `local.Points` from the cells' nodes and reference coordinates.
+        kept: Whether the points are kept from one state to the next.
     """
 
     mesh: ResultMesh
@@ -177,7 +180,7 @@ class _Block:
 
 
 def _bytes(mesh: ResultMesh) -> float:
-    """What the Gauss points of a cell take, mostly their gradients of shape functions."""
+    """Bytes for the Gauss points of a cell, mostly gradients of shape functions."""
     points, axes = mesh.cell.gauss.shape
     return 8.0 * points * (mesh.cells.shape[1] * axes + 60)
 

@@ -1,4 +1,4 @@
-"""Functions on a grid, cubic along each of its axes, with their derivatives at the nodes."""
+"""Piecewise cubic Hermite interpolation on a grid."""
 
 from __future__ import annotations
 
@@ -15,12 +15,15 @@ Array = npt.NDArray[np.float64]
 def nodal(
     grids: Sequence[Array], values: Array, slopes: Sequence[Array] = ()
 ) -> dict[tuple[bool, ...], Array]:
-    """Derivatives of a function at the nodes of a grid, once by each axis that is True.
+    """Values and mixed first derivatives of a function at the nodes of a grid.
+
+    The key (True, False), for instance, is the derivative with respect to the first axis.
 
     Args:
-        grids: Its axes.
-        values: Of the function, (*grid, ...).
-        slopes: Its first derivatives where they are known; by splines else, as the mixed ones.
+        grids: The axes of the grid.
+        values: Values of the function, (*grid, ...).
+        slopes: First derivatives by axis, if they are known. Derivatives that are not given come
+            from cubic splines.
     """
     found = {}
     for of in product((False, True), repeat=len(grids)):
@@ -28,7 +31,7 @@ def nodal(
             found[of] = values
         elif sum(of) == 1 and slopes:
             found[of] = slopes[of.index(True)]
-        else:  # the mean of the ways to it
+        else:  # the mean over the orders of differentiation
             ways = [
                 spline_slope(grids[k], found[(*of[:k], False, *of[k + 1 :])], k)
                 for k, differentiated in enumerate(of)
@@ -46,14 +49,21 @@ def spline_slope(grid: Array, values: Array, axis: int) -> Array:
 
 
 def basis(grid: Array, x: Array, order: int, name: str, unit: str) -> tuple[Any, Any]:
-    """Cell of each point, and derivatives of the cubic Hermite functions there.
+    """Cubic Hermite functions of an axis at points, or their derivatives.
+
+    Args:
+        grid: Nodes of the axis, ascending.
+        x: Points.
+        order: Order of the derivative.
+        name: Name of the variable, for messages.
+        unit: Its unit, for messages.
 
     Returns:
-        The index of the node below, and (values, slopes): for each the functions that belong to
-        the node below and to the one above.
+        The index of the node below each point, and a pair of lists: the functions that multiply the
+        values, and those that multiply the slopes, at the node below and at the node above.
 
     Raises:
-        ValueError: Outside the grid.
+        ValueError: If a point is outside the grid.
     """
     slack = 1e-12 * (grid[-1] - grid[0])
     if (x < grid[0] - slack).any() or (x > grid[-1] + slack).any() or np.isnan(x).any():

@@ -16,11 +16,11 @@ STAGE = "stage"  # the one column that is text
 
 
 def parse(path: Path, known: Collection[str] = ()) -> pandas.DataFrame:
-    """The whole rows of a file; the last one may be cut short by a kill.
+    """The complete rows of a file; a kill may have cut the last one short.
 
     Args:
         path: The file.
-        known: Columns that the device can have, if that is known.
+        known: Columns that the device can have; empty if unknown.
 
     Raises:
         ValueError: If it is damaged.
@@ -52,7 +52,7 @@ def from_columns(columns: Mapping[str, Any]) -> pandas.DataFrame:
     """A history from its columns, such as those of `results.h5`.
 
     Raises:
-        ValueError: If they are none.
+        ValueError: If these are not the columns of a history.
     """
     import pandas as pd
 
@@ -60,10 +60,10 @@ def from_columns(columns: Mapping[str, Any]) -> pandas.DataFrame:
 
 
 def checked(history: pandas.DataFrame, known: Collection[str] = ()) -> pandas.DataFrame:
-    """A history, if it is one.
+    """The given history, once its columns are checked.
 
     Raises:
-        ValueError: If a column lacks, or holds what it cannot.
+        ValueError: If a column is missing, unknown or not numeric, or the steps do not count up.
     """
     lacking = [name for name in ("step", "time_s", STAGE) if name not in history]
     if lacking:

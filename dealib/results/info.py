@@ -1,4 +1,4 @@
-"""What `run.json` says, read such that no more is lost than what is damaged."""
+"""Reading `run.json`; entries that are damaged are replaced by defaults."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class _Worst(TypedDict):  # besides, the coordinates of the place in mm
     stage: str
 
 
-# what every run says, and what stands for it if it is damaged
+# entries that every run has, with the defaults that replace damaged ones
 _UNKNOWN = {"status": "unknown", "started": "", "argv": [], "config": "", "set": [], "ranks": 1}
 _UNKNOWN |= {"pid": 0, "host": "", "versions": {}, "git": None}
 _KINDS: dict[str, Any] = {
@@ -51,7 +51,7 @@ def _adapter(name: str) -> TypeAdapter[Any]:
 
 
 def read_info(directory: Path) -> tuple[dict[str, Any], str]:
-    """What the file of a run directory says, and what is wrong with it; '' if nothing."""
+    """The entries of `run.json` in a directory, and what is wrong with it ('' if nothing)."""
     unknown = _UNKNOWN | {"name": directory.resolve().name}
     try:
         found = json.loads((directory / INFO).read_text(encoding="utf-8"))

@@ -19,20 +19,22 @@ from dealib.results.mesh import ResultMesh
 from dealib.results.stress import Deformation, RegionMaterial
 from dealib.units import EPSILON_0
 
+_ITERATIONS = 40  # at most, of Newton's method for a thickness stretch
+
 
 def cells_with_memory(config: Config, mesh: ResultMesh) -> Any:
-    """Indices of the cells whose stress depends on what came before."""
+    """Indices of the cells whose material has internal variables, (cells,)."""
     return mesh.in_region(*(n for n, m in region_materials(config).items() if m.remembers))
 
 
 @dataclass(frozen=True)
 class Frame:
-    """Unit vectors across and in a film, in the mesh, (..., 3).
+    """Orthogonal unit vectors of a film in the mesh, (..., 3).
 
     Attributes:
-        n: Across it.
-        a: In it.
-        b: In it, the last component of the kinematics in a plane.
+        n: Normal of the film.
+        a: First tangent.
+        b: Second tangent; in plane problems the out-of-plane direction.
     """
 
     n: Array
@@ -41,13 +43,13 @@ class Frame:
 
     @classmethod
     def across(cls, normal: int) -> Frame:
-        """Along the components."""
+        """The frame whose vectors are the components' axes, with the normal along one of them."""
         a, b = (np.eye(3)[k] for k in range(3) if k != normal)
         return cls(np.eye(3)[normal], a, b)
 
     @classmethod
     def of_normals(cls, n: Array, plane: bool) -> Frame:
-        """At normals (..., 3), which have no last component where the mesh is plane."""
+        """Frames of given normals (..., 3), whose last component is 0 if the mesh is plane."""
         last = np.eye(3)[2] if plane else np.eye(3)[np.abs(n).argmin(axis=-1)]
         a = np.cross(np.broadcast_to(last, n.shape), n)
         a = a / np.linalg.norm(a, axis=-1)[..., None]
@@ -55,20 +57,20 @@ class Frame:
 
 
 def deformed(F: Array, v: Array) -> Array:
-    """F v at points."""
+    """Products F v, with F (..., 3, 3) and v (..., 3) or (3,)."""
     return np.einsum("...ij,...j", F, v)
 
 
 @dataclass(frozen=True)
 class Points:
-    """Points of cells of one material, with what does not change while the body deforms.
+    """Points in cells of one material, with their shape functions.
 
     Attributes:
-        kinematics: The space.
-        material: What the cells are made of.
-        position: In the mesh, (cells, points, axes), mm.
-        N: Shape functions (points, nodes).
-        dN: Their gradients (cells, points, nodes, coordinates of the mesh).
+        kinematics: Kinematics of the device.
+        material: Material of the cells.
+        position: Position in the mesh, (cells, points, axes), mm.
+        N: Shape functions, (points, nodes).
+        dN: Gradients of the shape functions, (cells, points, nodes, coordinates of the mesh), 1/mm.
     """
 
     kinematics: Kinematics
@@ -95,9 +97,9 @@ class Points:
         """Deformation and field from nodal values (cells, nodes, columns).
 
         Args:
-            nodal: Displacements by axis and potential; of sheets the voltage across the layer, and
-                the excess metric of a tension field.
-            internal: What a sheet remembers, packed, (cells, points, entries, 4).
+            nodal: Displacements by axis and potential. For sheets the voltage across the layer
+                takes the place of the potential, followed by the excess metric of a tension field.
+            internal: Internal variables of a sheet, packed, (cells, points, entries, 4).
         """
         k, n = self.kinematics, self.kinematics.dim
         F = self.gradient(nodal)
@@ -111,7 +113,12 @@ class Points:
         return Deformation(F, determinant(F), inner, np.einsum("...ji,...j", inner, E))
 
     def gradient(self, nodal: Array, across: Array | None = None) -> Array:
-        """Deformation gradients, of sheets with a stretch across, or 1, (cells, points)."""
+        """Deformation gradients, (cells, points, 3, 3).
+
+        Args:
+            nodal: As for `deformation`.
+            across: Thickness stretch of a sheet, (cells, points); default 1.
+        """
         k = self.kinematics
         u = nodal[..., : k.dim]
         if not isinstance(k, SheetKinematics):
@@ -159,13 +166,13 @@ def volumes(
 def thickness_stretches(
     material: RegionMaterial, F: Array, E: Array, internal: Array | None
 ) -> Array:
-    """Stretches of a layer at which its total stress across vanishes, shape F.shape[:-2].
+    """Thickness stretches at which the total stress across a layer vanishes, shape F.shape[:-2].
 
     Args:
-        material: The layer's.
-        F: Deformation gradient, its column across the layer being the unit normal.
-        E: Nominal field, across.
-        internal: What it remembers, packed.
+        material: Material of the layer.
+        F: Deformation gradient, whose column across the layer is the unit normal.
+        E: Nominal field, across the layer, kV/mm.
+        internal: Internal variables, packed.
     """
     normal = material.normal
     square = E[..., normal] ** 2
@@ -184,23 +191,20 @@ def thickness_stretches(
         return np.asarray(s * s * S[..., normal, normal] / k.J + eps / 2 * square / s**2)
 
     log = -np.log(determinant(F))
-    for _ in range(_MOST):
+    for _ in range(_ITERATIONS):
         with np.errstate(all="ignore"):
             here, h = stress(log), 1e-5
             slope = (stress(log + h) - stress(log - h)) / (2 * h)
         step = np.clip(here / slope, -0.5, 0.5)
-        step = np.where(np.isfinite(step), step, -0.02)  # locked: away from there
+        step = np.where(np.isfinite(step), step, -0.02)  # away from where the law locks
         log = log - step
         if np.abs(step).max(initial=0.0) < 1e-12:
             break
     return np.asarray(np.exp(log))
 
 
-_MOST = 40  # steps of Newton's method for a thickness stretch
-
-
 def region_materials(config: Config) -> dict[str, RegionMaterial]:
-    """Materials of all regions; regions of one material and direction share theirs."""
+    """Materials by region; regions of equal material, normal and thickness share one object."""
     found: dict[str, RegionMaterial] = {}
     known: dict[Any, RegionMaterial] = {}
     device = config.device
@@ -230,15 +234,13 @@ def _material(
     if not conducts or material.prestretch != (1.0, 1.0):
         a, b = material.prestretch
         mounted = np.insert(np.array([a, b]), normal, thickness_stretch(material, a, b))
-    intercept, slope = (0.0, 0.0) if conducts else _permittivity(material)
+    intercept, slope = 0.0, 0.0
+    if not conducts:
+        relative: Any = material.permittivity
+        intercept, slope = EPSILON_0 * relative.intercept, EPSILON_0 * relative.slope
     return RegionMaterial(
         *(material, intercept, mounted, slope, material.networks, material.mullins, normal)
     )
-
-
-def _permittivity(material: Any) -> tuple[float, float]:
-    eps = material.permittivity
-    return EPSILON_0 * eps.intercept, EPSILON_0 * eps.slope
 
 
 def film_groups(config: Config) -> dict[str, tuple[RegionMaterial, tuple[str, ...]]]:

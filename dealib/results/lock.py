@@ -14,12 +14,12 @@ class Lock:
     """A held lock; it lasts until every process that shares it has closed it.
 
     Attributes:
-        descriptors: Of the directory, to be shared with a child.
-        sure: Whether the file system has locks.
+        descriptors: File descriptors of the directory, to be shared with a child process.
+        sure: Whether the file system supports locks.
 
     Args:
         path: The directory; None on ranks that write nothing.
-        patience: How long to wait for another run to leave it, s.
+        patience: How long to wait for another run to release the lock, s.
 
     Raises:
         ConfigError: If another run holds it.
@@ -45,7 +45,10 @@ class Lock:
                 return
             os.close(descriptor)
             if not taken and time.monotonic() > deadline:
-                raise ConfigError(f"{path}: another run is writing there")
+                raise ConfigError(
+                    f"{path}: another run is writing there; wait until it ends, or name another "
+                    "directory"
+                )
             time.sleep(0.01)
 
     def __enter__(self) -> Lock:

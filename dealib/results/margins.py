@@ -1,8 +1,8 @@
-"""How near a film is to its limits, as utilisations: 1 is the limit, and above it is beyond.
+"""Margins of a film: the used share of each of its limits, 1 being the limit.
 
-In the plane of the film, direction 1 is that of the deformed first in-plane component, F e_a, and
-2 is across it. Maxwell branches add to the tension; stability is judged by the law alone, since
-branches relax.
+In the plane of the film, direction 1 is that of F a, the deformed first tangent of its frame, and
+direction 2 is perpendicular to it. Maxwell branches add to the tension. Stability is judged by the
+law alone, since branches relax.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from dealib.results.thickness import Columns, edges
 
 @dataclass(frozen=True)
 class Film:
-    """What the margins need to know of a film.
+    """A film, as the margins need it.
 
     Attributes:
         material: Law, permittivity and pre-stretch.
-        tension: That `wrinkling_use` counts from, MPa; with branches if these are mounted fresh.
-        stiffness: Of the law at rest, for changes of shape, MPa.
-        softens: Whether the law can lose it.
-        frame: Its directions in the mesh.
+        tension: Tension of the mounted film, MPa; with its branches if they are mounted fresh.
+        stiffness: Stiffness of the law at rest against changes of shape, MPa.
+        softens: Whether the law can lose this stiffness.
+        frame: Normal and tangents in the mesh.
     """
 
     material: stress.RegionMaterial
@@ -48,9 +48,9 @@ class Film:
         """The film of a material.
 
         Args:
-            material: What it is made of.
+            material: The material.
             fresh: Whether its branches carry the pre-stretch at the start.
-            frame: Its directions; default those of the material.
+            frame: Normal and tangents; by default those of the material.
         """
         law = material.law
         assert law is not None
@@ -67,7 +67,7 @@ class Film:
         return self.material.law
 
     def stretches(self, F: Array) -> tuple[Array, Array]:
-        """Principal stretches in the plane since the unstretched state, at F from the mesh."""
+        """In-plane principal stretches since the unstretched state, with F from the mesh."""
         rest = [v / self.material.stretch for v in (self.frame.a, self.frame.b)]  # unstretched
         a, b = (
             local.deformed(F, v) / np.sqrt(dot(r, r))[..., None]
@@ -86,8 +86,8 @@ class Film:
 
         Args:
             k: Deformation and field.
-            pressure: The mixed form's p, (...).
-            internal: What it remembers, packed, (..., entries, 4).
+            pressure: The mixed form's p, (...), MPa.
+            internal: Internal variables, packed, (..., entries, 4).
         """
         one = _unit(local.deformed(k.F, self.frame.a))
         normal = np.einsum("...ji,...j", k.inverse, np.broadcast_to(self.frame.n, one.shape))
@@ -95,24 +95,24 @@ class Film:
         return self.material.in_plane(k, one, two, pressure, internal)
 
     def thickness_stretch(self, k: stress.Deformation) -> Array:
-        """Thickness over the unstretched one: 1 / |F^-T n| since the unstretched state."""
+        """Thickness over unstretched thickness: 1 / |F^-T n| since the unstretched state."""
         n = np.einsum("...ji,...j", k.inverse, np.broadcast_to(self.frame.n, k.e.shape))
         rest = np.linalg.norm(self.frame.n * self.material.stretch, axis=-1)
         return np.asarray(rest / np.sqrt(dot(n, n)))
 
     def wrinkling(self, tensions: Array) -> Array:
-        """Share of the mounted tension that is lost, from tensions (..., 3) averaged across.
+        """Lost share of the mounted tension, from tensions (..., 3) averaged over the thickness.
 
         A membrane wrinkles where it has no tension left in some direction of its plane (for
         dielectric elastomers: J.-S. Plante and S. Dubowsky, Int. J. Solids Struct. 43 (2006)
-        7727). Bending at the clamped ends compresses one face only; hence the average through the
-        thickness. A film mounted without pre-stretch has no tension to lose: then it counts from
-        its shear modulus, and is at its limit at rest.
+        7727). The average is taken because bending at the clamped ends compresses one face only.
+        A film without pre-stretch has no tension to lose: its stress is divided by half of
+        `stiffness` instead, and it is at its limit at rest.
         """
         return np.asarray(1 - smallest(tensions) / self.tension)
 
     def pull_in(self, k: stress.Deformation) -> Array:
-        """Field over the one at which the film at its present stretches loses stability.
+        """Field over the critical field at the present stretches of the film.
 
         The free energy of an incompressible film in terms of its in-plane stretches and electric
         displacement must be convex for the film to be stable under dead loads and a voltage
@@ -121,8 +121,9 @@ class Film:
             A - eps e.e [[1, 2], [2, 1]] positive definite,  A_ij = l_i l_j d2W / dl_i dl_j,
 
         and with eps = a + b sqrt(l1 l2) the same with the second derivatives of eps (l1 l2)^2 / 2.
-        Infinite where A itself is not: under dead loads that film fails without a field. A film
-        whose edges are held is more stable than that, so that the margin is on the safe side.
+        The result is infinite where A itself is not positive definite: under dead loads that film
+        fails without a field. A film whose edges are held is more stable, so that the margin is on
+        the safe side.
         """
         gradient, hessian = curvature(self.law, *self.stretches(k.F))
         a, c = hessian[0] - gradient[0], hessian[1] - gradient[1]
@@ -140,24 +141,24 @@ class Film:
         return np.where((det > 0) & (a + c > 0), used, np.inf)
 
     def softening(self, F: Array) -> Array:
-        """Share of the law's stiffness at rest that is lost (see `response.stiffness`)."""
+        """Lost share of the law's stiffness at rest (see `response.stiffness`)."""
         left = stiffness(self.law, *self.stretches(F)) / self.stiffness
         return np.asarray(np.maximum(1 - left, 0.0))
 
     def extension(self, F: Array) -> Array:
-        """Share of the law's extensibility that is used, of a law that locks."""
+        """Used share of the extensibility of a law that locks."""
         l1, l2 = self.stretches(F)
         i = invariants_of_stretches(l1, l2, 1 / (l1 * l2))
         return np.asarray(self.law.extension(i, self.law.values))
 
 
 def _mounted_tension(material: stress.RegionMaterial, fresh: tuple[Branch, ...]) -> float:
-    """Smaller in-plane stress of the film as it is mounted, MPa.
+    """Smaller in-plane stress of the mounted film, MPa.
 
     Args:
-        material: The film's.
-        fresh: Branches that carry the pre-stretch. Their stress across moves its faces a little,
-            to where the film is free of stress across again.
+        material: Material of the film.
+        fresh: Branches that carry the pre-stretch. They change the thickness stretch a little,
+            since the total stress across the film must vanish.
     """
     from scipy.optimize import brentq
 
@@ -175,7 +176,7 @@ def _mounted_tension(material: stress.RegionMaterial, fresh: tuple[Branch, ...])
 
     across = 1.0
     if fresh:
-        ends = bracket(free, 1.0, 10.0)  # the volume alone sees to both signs
+        ends = bracket(free, 1.0, 10.0)  # found always: the change of volume gives both signs
         assert ends is not None
         across = float(brentq(free, *ends, xtol=1e-14))
     return float(principal(across)[list(material.plane)].min())
@@ -207,10 +208,10 @@ def principal_stretch(F: Array) -> Array:
 def fields(
     config: Config, mesh: ResultMesh, state: Array, internal: Array | None = None
 ) -> dict[str, Array]:
-    """Nodal margins of the films, 0 elsewhere: those of the history, pointwise.
+    """Nodal margins of the films, (nodes,) each; 0 outside the films.
 
-    `wrinkling_use` is constant through the thickness of a layer, as its stress is; `tension`, the
-    smallest in-plane true stress (MPa), is that of each point.
+    `wrinkling_use` is constant over the thickness of a layer, because it uses the averaged stress.
+    `tension`, the smallest in-plane true stress (MPa), is not averaged.
 
     Args:
         config: The config of the run.
@@ -270,7 +271,7 @@ def mounted_fresh(config: Config, region: str) -> bool:
 
 
 def layered(config: Config, regions: tuple[str, ...]) -> bool:
-    """Whether regions are layers in a plane, over whose thickness stresses are averaged."""
+    """Whether regions are layers of a plane problem, whose stresses are averaged over thickness."""
     device = config.device
     solid = device.kinematics.dim == 2 and not device.kinematics.sheet
     return solid and device.region(regions[0]).normal is not None

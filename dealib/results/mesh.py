@@ -17,7 +17,7 @@ Ints = npt.NDArray[np.int64]
 
 @dataclass(frozen=True)
 class ResultMesh:
-    """A mesh on which no nodal average crosses from one region into another.
+    """A mesh whose regions share no nodes, so that nodal averages stay within a region.
 
     Attributes:
         cell: Reference cell.
@@ -25,8 +25,8 @@ class ResultMesh:
         cells: Nodes of each cell, VTK's order.
         region: Region id of each cell.
         names: Region names by id.
-        normals: Direction across the films at the cells' Gauss points, (cells, points, 3), where
-            it is not that of a layer; else None.
+        normals: Normals of the films at the cells' Gauss points, (cells, points, 3), where these
+            are no layers of a laminate; else None.
     """
 
     cell: Cell
@@ -46,15 +46,16 @@ class ResultMesh:
         names: tuple[str, ...],
         split: Any = None,
     ) -> ResultMesh:
-        """Number the nodes by first appearance, once a region.
+        """Number the nodes by first appearance, separately in each region.
 
         Args:
             cell: Reference cell.
-            shared: Any number of each cell's nodes that is equal where cells share a node.
-            nodes: Coordinates of each cell's nodes, (cells, nodes, axes).
-            region: Region id of each cell.
+            shared: Numbers of each cell's nodes, equal where cells share a node, (cells, nodes).
+            nodes: Coordinates of each cell's nodes, (cells, nodes, axes), mm.
+            region: Region id of each cell, (cells,).
             names: Region names by id.
-            split: Numbers of cells that share nodes only among each other; default the region's.
+            split: Number of the group of each cell, (cells,): only cells of one group share nodes;
+                by default the region ids.
         """
         split = region if split is None else split
         key = shared * (int(split.max()) + 1) + split[:, None]
@@ -93,19 +94,19 @@ class ResultMesh:
         """Average values at the nodes of some cells into arrays of nodal values.
 
         Args:
-            by_cell: By name, (cells, nodes of a cell, ...).
-            cells: The cells, whole regions.
-            out: By name, (nodes, ...).
+            by_cell: Values by name, (cells, nodes of a cell, ...).
+            cells: Indices of the cells, which make up whole regions.
+            out: Nodal values by name, (nodes, ...), which are overwritten.
         """
         Average(self, [cells]).into(out, [by_cell])
 
 
 class Average:
-    """Averages values at the nodes of some cells; what does not change is found once.
+    """Averages values of cells at their nodes, with weights that are computed once.
 
     Args:
         mesh: The mesh.
-        blocks: The cells, together whole regions; their values come block by block.
+        blocks: Indices of the cells, in blocks that together make up whole regions.
     """
 
     def __init__(self, mesh: ResultMesh, blocks: Sequence[Ints]) -> None:

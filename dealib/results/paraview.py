@@ -8,7 +8,7 @@ from dealib.device.records import AIR
 from dealib.files import write_text
 from dealib.results.history import HISTORY
 from dealib.results.mesh import ResultMesh
-from dealib.results.store import FIELDS
+from dealib.results.xdmf import FIELDS
 
 SCRIPT = "view_in_paraview.py"  # paraview.py would hide the package of that name
 

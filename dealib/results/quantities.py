@@ -16,7 +16,7 @@ from dealib.errors import ConfigError, did_you_mean
 from dealib.results.elements import Array
 from dealib.results.summary import MARGINS
 
-NOISE = 1e-14  # rounding, in internal units: at 0 V the field is 1e-19 MV/m
+NOISE = 1e-14  # smaller values are rounding, in internal units: at 0 V the field is 1e-19 MV/m
 
 
 @dataclass(frozen=True)
@@ -24,12 +24,12 @@ class Quantity:
     """A scalar to draw.
 
     Attributes:
-        name: What the user writes.
-        label: What the reader reads, with the symbol.
-        unit: '' if it has none.
-        field: Array it comes from (see `dealib.results.fields`).
-        component: Indices into that array; None for the value, or the length of a vector.
-        factor: From internal units to `unit`.
+        name: Name that the user writes, such as 'S_RR'.
+        label: Label in pictures, with the symbol.
+        unit: Unit; '' if it has none.
+        field: Name of the array that it is taken from (see `dealib.results.fields`).
+        component: Indices into that array; None for a scalar, or for the length of a vector.
+        factor: Factor from internal units to `unit`.
     """
 
     name: str
@@ -51,12 +51,12 @@ class Quantity:
 
     @property
     def of_solids(self) -> bool:
-        """Whether only regions that carry stress have it."""
+        """Whether it exists only in regions that carry stress."""
         return self.field in ("second_pk_stress", "cauchy_stress")
 
     @property
     def of_films(self) -> bool:
-        """Whether only dielectrics that carry stress have it."""
+        """Whether it exists only in dielectrics that carry stress."""
         return self.field in ("tension", *MARGINS) or self.name == SURFACE_CHARGE.name
 
     @property
@@ -76,11 +76,11 @@ class Quantity:
             ConfigError: If the run has no such field.
         """
         if self.field not in arrays:
-            why = "it is that of a tension field"
+            why = "it exists with physics.wrinkling: tension_field only"
             if self.is_use:
                 why = "its config sets no limit"
             elif self.is_mode:
-                why = "modes are those of a step at which stability is lost, with output.modes"
+                why = "modes exist where stability is lost, with output.modes above 0"
             raise ConfigError(f"{self.name}: the run has no such field; {why}")
         values = arrays[self.field]
         if self.component is not None:
@@ -88,14 +88,14 @@ class Quantity:
             values = values[index]
         elif values.ndim == 2:
             values = np.linalg.norm(values, axis=1)
-        if self.field == "wrinkling":  # extrapolation to the nodes goes below
+        if self.field == "wrinkling":  # extrapolation to the nodes may be negative
             values = np.maximum(values, 0.0)
         return self.factor * np.where(np.abs(values) < NOISE, 0.0, values)
 
 
 @cache
 def quantities(kinematics: Kinematics) -> dict[str, Quantity]:
-    """All fields of a space by name; its components are those of the names, theta's is T."""
+    """All fields of a kind of space by name; names contain components, with T for theta."""
     found = [
         Quantity("phi", "Electric potential φ", "kV", "phi"),
         Quantity("J", "Volume ratio J", "", "J"),
@@ -138,16 +138,16 @@ SURFACE_CHARGE = Quantity("D_n", "Surface charge density D·n", "mC/m²", "D", f
 def quantity(
     name: str, kinematics: Kinematics, kind: str = "field", also: tuple[Quantity, ...] = ()
 ) -> Quantity:
-    """The quantity of a name.
+    """Find a quantity by its name.
 
     Args:
-        name: What the user wrote.
-        kinematics: The space of the run.
-        kind: What it is to the user.
-        also: Others that will do, such as `SURFACE_CHARGE`, which lives on faces only.
+        name: Name that the user wrote.
+        kinematics: Kinematics of the run.
+        kind: Word for it in messages.
+        also: Further quantities that are allowed, such as `SURFACE_CHARGE`.
 
     Raises:
-        ConfigError: If there is none.
+        ConfigError: If there is none of this name.
     """
     known = {q.name: q for q in also} | quantities(kinematics)
     if name not in known:

@@ -32,7 +32,7 @@ MESH = "mesh.msh"
 
 
 class Run:
-    """A finished, failed or running run; what is damaged in it is told, and the rest is read.
+    """A finished, failed or running run. Damaged parts cause a warning, and the rest is read.
 
     Args:
         directory: The run directory.
@@ -59,7 +59,7 @@ class Run:
         """What `run.json` says: status, versions, timings; without what is damaged."""
         found, problem = read_info(self.directory)
         if problem:
-            self._tell(f"{self.directory / INFO}: {problem}; what it said is not known")
+            self._tell(f"{self.directory / INFO}: {problem}; the rest of it is used")
         return found
 
     @property
@@ -81,7 +81,7 @@ class Run:
 
     @cached_property
     def history(self) -> pandas.DataFrame:
-        """The history, one row a converged step; that in `results.h5` if the CSV is damaged.
+        """The history, one row per converged step; from `results.h5` if the CSV is damaged.
 
         Raises:
             ConfigError: If no step has converged, or both are damaged.
@@ -99,7 +99,7 @@ class Run:
 
     @cached_property
     def _columns(self) -> list[str]:
-        """Columns that the device can have; none if its config is damaged."""
+        """Columns that the device can have; empty if its config is damaged."""
         from dealib.observe.quantities import columns
 
         try:
@@ -109,7 +109,7 @@ class Run:
 
     def _csv(self) -> pandas.DataFrame | None:
         """What `history.csv` holds; None if no step has converged."""
-        path, kept = self.directory / HISTORY, self.kept_history  # which a run writes after it
+        path, kept = self.directory / HISTORY, self.kept_history  # a run writes the CSV first
         try:
             found = parse(path, self._columns) if path.is_file() else None
         except (OSError, ValueError) as error:
@@ -128,11 +128,11 @@ class Run:
                 columns[STAGE] = [name.decode() for name in columns[STAGE]]
                 return from_columns(columns)
         except ConfigError:
-            return None  # who asks for it is told
+            return None  # the error is raised where the file itself is needed
 
     @cached_property
     def config(self) -> Config:
-        """The config as it was run; that in `results.h5` if its file is damaged.
+        """The config as it was run; from `results.h5` if its file is damaged.
 
         Raises:
             ConfigError: If both are damaged.
@@ -151,7 +151,7 @@ class Run:
         return self._with_mesh(config)
 
     def _with_mesh(self, config: Config) -> Config:
-        """The config with the run's copy of an own mesh, in mm, where the file itself is away."""
+        """The config, with the run's copy of the user's mesh file where that file is missing."""
         geometry, copy = config.geometry, self.directory / MESH
         if geometry.shape != "mesh" or Path(geometry.file).exists() or not copy.exists():
             return config
@@ -159,7 +159,7 @@ class Run:
         return config.model_copy(update={"geometry": geometry})
 
     def text(self, name: str) -> str:
-        """Text of `config.yaml` or `config.resolved.yaml`; empty if it is not to be had."""
+        """Text of `config.yaml` or `config.resolved.yaml`; empty if it cannot be read."""
         try:
             return (self.directory / name).read_text(encoding="utf-8")
         except (OSError, ValueError):
@@ -178,21 +178,21 @@ class Run:
         """Mesh of the stored states.
 
         Raises:
-            ConfigError: If it is damaged, as for all that `results.h5` holds.
+            ConfigError: If `results.h5` is damaged.
         """
         with self._file() as file:
             return store.read_mesh(file)
 
     @property
     def stored_steps(self) -> list[int]:
-        """Steps whose state is stored; what is damaged is left out."""
+        """Steps whose state is stored, without damaged ones."""
         found, problem = self._stored_and_lost()
         if problem:
             self._tell(problem)
         return found
 
     def _stored_and_lost(self, whole: bool = False) -> tuple[list[int], str]:
-        """Steps whose state is there (and whole, if asked), and what is wrong with the others."""
+        """Steps whose state can be opened (or read, if `whole`), and a problem with the others."""
         with self._file() as file:
             there = {int(n): _is_there(file, f"states/{n}", whole) for n in file["states"]}
         lost = ", ".join(str(step) for step, found in there.items() if not found)
@@ -205,7 +205,7 @@ class Run:
         """The open `results.h5`.
 
         Raises:
-            ConfigError: If it is damaged, wherever that shows.
+            ConfigError: If it is damaged, also if that shows only while it is read.
         """
         path = self.directory / store.STATES
         try:
@@ -218,26 +218,26 @@ class Run:
             raise self._without(store.STATES, ConfigError(f"{path}: {what}")) from None
 
     def check(self) -> None:
-        """See that history and states are whole.
+        """Check that history and states are intact.
 
         Raises:
-            ConfigError: With the first file that is not.
+            ConfigError: Naming the first file that is not.
         """
         if self._csv() is not None:
             self.check_states()
 
     def check_states(self) -> None:
-        """See that mesh and states are whole; all of them are read.
+        """Check that mesh and states are intact, by reading them all.
 
         Raises:
-            ConfigError: If not.
+            ConfigError: If they are not.
         """
         _ = self.mesh
         if problem := self._stored_and_lost(whole=True)[1]:
             raise ConfigError(problem)
 
     def _without(self, name: str, error: ConfigError) -> ConfigError:
-        """An error about a file that says which others can be read."""
+        """The error about a file, with a list of the other files that can be read."""
         from dealib.config import read
 
         def is_intact(other: str) -> bool:
@@ -254,7 +254,7 @@ class Run:
         return ConfigError(f"{error}; still readable: {', '.join(others) or 'nothing'}")
 
     def _tell(self, problem: str) -> None:
-        """Warn of something once."""
+        """Log a warning, each one only once."""
         if problem not in self._told:
             self._told.add(problem)
             LOGGER.warning("%s", problem)
@@ -273,25 +273,28 @@ class Run:
         return spectra.read(self.directory / f"{name}.csv")
 
     def state(self, index: int = -1) -> Array:
-        """Nodal values of the index-th stored step, (nodes, columns): u, phi, and p if mixed."""
+        """Nodal values of the index-th stored step, (nodes, columns): u, phi, p in the mixed form.
+
+        Units are mm, kV and MPa.
+        """
         found = self._stored("states", index)
         assert found is not None
         return found
 
     def states(self, steps: Iterable[int]) -> Iterator[Array]:
-        """Nodal values of stored steps, by their numbers."""
+        """Nodal values of stored steps, given by their step numbers."""
         with self._file() as file:
             for step in steps:
                 yield np.asarray(file[f"states/{step:05d}"][:], dtype=np.float64)
 
     def internal(self, index: int = -1) -> Array | None:
-        """C_i of Maxwell branches at the index-th stored step (see `fields`); None without."""
+        """Internal variables at the index-th stored step (see `fields.Fields`); None without."""
         return self._stored("internal", index)
 
     def modes(self, index: int = -1) -> Array | None:
-        """Softest modes, (modes, nodes, axes), if the device has lost its stability at this step.
+        """Softest modes, (modes, nodes, axes), if stability is lost at the index-th stored step.
 
-        It is the index-th stored one. The longest displacement of each mode is 1.
+        The largest displacement of each mode is 1. None if the step has no modes.
         """
         return self._stored("modes", index)
 
@@ -311,10 +314,10 @@ class Run:
             return np.asarray(file[name][:], dtype=np.float64) if name in file else None
 
     def arrays(self, index: int = -1) -> dict[str, Array]:
-        """All nodal fields of the index-th stored step.
+        """All nodal fields of the index-th stored step, by name.
 
-        Those of `dealib.results.fields`, the film's margins (see `dealib.results.margins`), and
-        where stability is lost the softest modes, 'mode', 'mode2', ...; in motion the 'velocity'.
+        These are the fields of `dealib.results.fields` and `dealib.results.margins`, the softest
+        modes 'mode', 'mode2', ... where stability is lost, and in motion the 'velocity'.
         """
         from dealib.results import margins
         from dealib.results.fields import fields, named
@@ -327,7 +330,7 @@ class Run:
         return found | margins.fields(self.config, self.mesh, state, internal)
 
     def fields(self, index: int = -1) -> pyvista.UnstructuredGrid:
-        """A pyvista grid of the index-th stored step, with all fields; points undeformed."""
+        """A pyvista grid of the index-th stored step with all fields; its points are undeformed."""
         import pyvista as pv
 
         mesh = self.mesh
@@ -343,7 +346,7 @@ class Run:
 
 
 def _is_there(file: Any, name: str, whole: bool) -> bool:
-    """Whether an array in a file, or in one that it links to, can be opened, or read as a whole."""
+    """Whether an array, which may be in a linked file, can be opened, or read if `whole`."""
     try:
         return (file[name][()] if whole else file[name]) is not None
     except (KeyError, OSError):

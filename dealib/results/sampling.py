@@ -1,4 +1,4 @@
-"""Stored fields between their nodes, by the cells' own shape functions: the one way to sample."""
+"""Sampling of stored fields between the nodes, by the shape functions of the cells."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _AT_ONCE = 1_000_000  # pairs of points and cells
 
 
 def reference_grid(cell: Cell, n: int) -> tuple[Array, Ints]:
-    """Points and triangles that cut a reference cell into n parts a side."""
+    """Points (points, 2) and triangles (triangles, 3) of a reference cell with n parts per side."""
     j, i = np.divmod(np.arange((n + 1) ** 2), n + 1)
     a = np.array([k for k in range((n + 1) * n) if k % (n + 1) < n])
     b, c, d = a + 1, a + n + 2, a + n + 1  # the small squares' other corners
@@ -31,7 +31,12 @@ def reference_grid(cell: Cell, n: int) -> tuple[Array, Ints]:
 
 
 def locate(mesh: ResultMesh, cells: Ints, points: Array) -> tuple[Ints, Array]:
-    """Cells (of one region) that hold points of the mesh configuration, or are nearest to them.
+    """Find the cells that contain points, or that are nearest to them.
+
+    Args:
+        mesh: The mesh.
+        cells: Indices of the cells to search, of one region.
+        points: Points of the undeformed mesh, (points, 2), mm.
 
     Returns:
         Cell of each point, (points,), and its reference coordinates, (points, 2).
@@ -64,12 +69,12 @@ def _locate(mesh: ResultMesh, cells: Ints, points: Array) -> tuple[Ints, Array]:
 
 @dataclass(frozen=True)
 class Sampler:
-    """Cuts the cells of some regions into triangles.
+    """Divides the cells of some regions into triangles.
 
     Attributes:
         mesh: The mesh of the results.
-        cells: Its cells that are sampled.
-        n: Parts a side.
+        cells: Indices of the sampled cells.
+        n: Parts per side of a cell.
     """
 
     mesh: ResultMesh
@@ -78,7 +83,7 @@ class Sampler:
 
     @classmethod
     def of(cls, mesh: ResultMesh, regions: tuple[str, ...], n: int = 4) -> Sampler:
-        """A sampler of named regions; those that the mesh lacks are empty."""
+        """A sampler of named regions; names that the mesh does not have are ignored."""
         found = [mesh.in_region(r) for r in regions if r in mesh.names]
         return cls(mesh, np.concatenate(found), n if mesh.cell.order == 2 else 1)
 
@@ -88,14 +93,14 @@ class Sampler:
 
     @cached_property
     def triangles(self) -> Ints:
-        """Corners of the triangles among the sampled points."""
+        """Indices of the triangles' corners among the sampled points, (triangles, 3)."""
         points, triangles = self._grid
         start = len(points) * np.arange(len(self.cells))[:, None, None]
         return np.asarray((start + triangles).reshape(-1, 3))
 
     @cached_property
     def outline(self) -> Ints:
-        """Pairs of sampled points along the rims of the regions, (edges, 2)."""
+        """Pairs of sampled points along the boundaries of the regions, (edges, 2)."""
         edges = self.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
         places = np.round(self.points / np.ptp(self.points, axis=0).min(), 9)
         _, place = np.unique(places, axis=0, return_inverse=True)
@@ -106,7 +111,7 @@ class Sampler:
         return np.asarray(edges[first[count == 1]])  # inner edges belong to two triangles
 
     def of_points(self, of_cells: Ints) -> Ints:
-        """Values at the sampled points of what is constant in each sampled cell."""
+        """Values at the sampled points, from values that are constant in each sampled cell."""
         return np.repeat(of_cells, len(self._grid[0]))
 
     def __call__(self, nodal: Array) -> Array:
@@ -122,7 +127,7 @@ class Sampler:
 
 
 class Strip:
-    """A region between two faces, such as a layer: places in it are fractions along and across.
+    """A layer between two faces, in which points are given by fractions along and across it.
 
     Args:
         mesh: The mesh.
@@ -145,18 +150,18 @@ class Strip:
         self.start, self.length = float(self.top[0, 0]), float(np.ptp(self.top[:, 0]))
 
     def face(self, side: int) -> Ints:
-        """The region's own nodes on its upper (1) or lower (-1) face, from where it begins."""
+        """The region's nodes on its upper (1) or lower (-1) face, in ascending order along it."""
         cell, own = self.mesh.cell, self.mesh.cells[self.cells]
         on, n = face(self.mesh.corners[self.cells], cell.corners, side, self._across), cell.corners
         found = [own[:, :n], np.roll(own[:, :n], -1, axis=1)]
         found += [own[:, n : 2 * n]] if cell.order == 2 else []
         nodes = np.unique(np.concatenate([part[on] for part in found]))
         along = np.round(self.mesh.points[nodes, 1 - self._across], 9)
-        return np.asarray(nodes[np.unique(along, return_index=True)[1]])  # of two at a place one
+        return np.asarray(nodes[np.unique(along, return_index=True)[1]])  # one of coincident ones
 
     @property
     def positions(self) -> Array:
-        """Fractions of the length at which the upper face has nodes, from where it begins."""
+        """Fractions of the length at which the upper face has nodes."""
         return np.asarray((self.top[:, 0] - self.start) / self.length)
 
     def at(self, values: Array, along: Array, across: Array | float) -> Array:

@@ -1,4 +1,4 @@
-"""Stored states of a run in a plane; a sheet on a line is given the thickness of its layers."""
+"""Stored states of a run for sampling; a sheet on a line gets the thickness of its layers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from dealib.results.sampling import Strip
 class Section:
     """The mesh and the fields of a run, to be sampled and drawn.
 
-    In three dimensions both are those of the run.
+    For a membrane in a plane the mesh has quadrilaterals with the thickness of the layers.
+    Otherwise mesh and fields are those of the run.
 
     Args:
         run: The run.
@@ -46,17 +47,17 @@ class Section:
         """A region as a strip.
 
         Raises:
-            ValueError: If there is none, or it is no layer in a plane.
+            ValueError: If there is no such region, or the device is no laminate in a plane.
         """
         if self.laminate is None:
             raise ValueError(
-                f"fields along {region!r} are known of layers in a plane; this device "
+                f"fields along {region!r} are known for layers in a plane only; this device "
                 + ("is a mesh of its own" if self.device.laminate is None else "is in space")
             )
         return Strip(self.mesh, region, self.across)
 
     def _thick(self) -> tuple[ResultMesh, Ints, Array]:
-        """Quadrilaterals on the cells of a line; each node's own node, and its height, mm."""
+        """Quadrilaterals on the line's cells; for each node its node on the line and height, mm."""
         laminate, mesh, k = self.device.laminate, self.run.mesh, self.device.kinematics
         assert laminate is not None
         assert isinstance(k, SheetKinematics)
@@ -79,7 +80,7 @@ class Section:
         return thick, source, height.ravel()
 
     def _lifted(self, arrays: dict[str, Array]) -> Array:
-        """How a point of unit height above each node of a line moves against it, (nodes, 3)."""
+        """Displacement of a point of unit height above each node, relative to it, (nodes, 3)."""
         mesh, k = self.run.mesh, self.device.kinematics
         assert isinstance(k, SheetKinematics)
         at, lies = mesh.cell.nodes, list(k.lies)

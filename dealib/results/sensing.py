@@ -1,4 +1,4 @@
-"""Self-sensing: the capacitance over displacement and voltage, and back from it."""
+"""Self-sensing: capacitance as a function of displacement and voltage, and its inverse."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ class Sweep:
     """Capacitances at one voltage.
 
     Attributes:
-        voltage: kV.
-        displacement: Of the mount, mm, ascending.
-        capacitance: pF.
+        voltage: Voltage, kV.
+        displacement: Displacements of the mount, ascending, (points,), mm.
+        capacitance: Capacitances, (points,), pF.
     """
 
     voltage: float
@@ -50,18 +50,18 @@ class Sweep:
 
     @classmethod
     def of(cls, voltage: float, states: Array, apart: float) -> Sweep:
-        """From all states at a voltage.
+        """The sweep of all states at a voltage.
 
         Args:
-            voltage: kV.
+            voltage: Voltage, kV.
             states: Displacements (mm) and capacitances (pF), (states, 2).
-            apart: States that are closer than this become one, mm.
+            apart: States whose displacements are closer than this are averaged, mm.
 
         Raises:
             ConfigError: If there are two capacitances at one displacement.
         """
         u, C = states[np.argsort(states[:, 0], kind="stable")].T
-        steepest = 10 * np.ptp(C) / (np.ptp(u) or 1.0)  # no curve of capacitance bends so much
+        steepest = 10 * np.ptp(C) / (np.ptp(u) or 1.0)  # steeper than any curve of capacitance
         groups = np.flatnonzero(np.diff(u) > apart) + 1
         means = []
         for here, there in zip(np.split(u, groups), np.split(C, groups), strict=True):
@@ -77,12 +77,12 @@ class Sweep:
 class CapacitanceMap:
     """C(u, V) from sweeps of the displacement at several voltages.
 
-    Over the displacement a cubic spline; over the voltage the polynomial in V^2 through all sweeps,
-    since no quantity of the device knows the voltage's sign.
+    The map is a cubic spline over the displacement, and over the voltage the polynomial in V^2
+    through all sweeps, since the capacitance does not depend on the sign of the voltage.
 
     Attributes:
-        sweeps: By voltage, ascending.
-        left_out: Voltages at which there are states, but too few for a sweep, kV, ascending.
+        sweeps: Sweeps by ascending voltage.
+        left_out: Voltages with too few states for a sweep, kV, ascending.
         low: Smallest displacement that all sweeps share, mm.
         high: Largest one.
     """
@@ -101,18 +101,18 @@ class CapacitanceMap:
     def of(
         cls, histories: Sequence[pandas.DataFrame], column: str = "capacitance_pF"
     ) -> CapacitanceMap:
-        """All sweeps in histories: at least six displacements at one voltage.
+        """The map of all sweeps in histories; a sweep has at least six displacements.
 
         Raises:
-            ConfigError: If there is none, they share no displacements, or they contradict each
-                other.
+            ConfigError: If there is no sweep, the sweeps share no range of displacements, or two
+                states contradict each other.
         """
         wanted = ["displacement_mm", column, "voltage_kV"]
         missing = [c for c in wanted if not all(c in h for h in histories)]
         if missing:
             raise ConfigError(
-                "no map: it is that of a device with one mount and one terminal, and the history "
-                f"has no {' and no '.join(missing)}"
+                "no map: it needs a device with one mount and one terminal, and the history has no "
+                f"{' and no '.join(missing)}"
             )
         states = [h[wanted].to_numpy() for h in histories]
         u_C, voltage = np.split(np.concatenate(states), [2], axis=1)
@@ -122,7 +122,7 @@ class CapacitanceMap:
         sweeps = [s for s in all_sweeps if len(s.displacement) >= _FEWEST]
         if not sweeps:
             raise ConfigError(
-                f"no map: it takes at least {_FEWEST} displacements at one voltage, such as in "
+                f"no map: it needs at least {_FEWEST} displacements at one voltage, as in "
                 "configs/sensing.yaml"
             )
         made = cls(sweeps, [s.voltage for s in all_sweeps if s not in sweeps])
@@ -134,7 +134,7 @@ class CapacitanceMap:
         """C(u, V), pF.
 
         Raises:
-            ValueError: If the voltage is none between those of the sweeps.
+            ValueError: If the voltage is outside the range of the sweeps.
         """
         return self._over_voltage([s.at(displacement) for s in self.sweeps], voltage)
 
@@ -142,7 +142,7 @@ class CapacitanceMap:
         """DC/du at constant voltage, pF/mm.
 
         Raises:
-            ValueError: If the voltage is none between those of the sweeps.
+            ValueError: If the voltage is outside the range of the sweeps.
         """
         return self._over_voltage([s.sensitivity(displacement) for s in self.sweeps], voltage)
 
@@ -160,10 +160,10 @@ class CapacitanceMap:
         return np.asarray(found).reshape(np.shape(values[0]))
 
     def displacement(self, capacitance: float, voltage: float) -> float:
-        """Displacement from the capacitance and the voltage, mm: of the shared range, lowest first.
+        """Lowest displacement in the shared range that has this capacitance at this voltage, mm.
 
         Raises:
-            ValueError: If the map knows no such capacitance at this voltage.
+            ValueError: If no displacement has it.
         """
         found = self._displacements(capacitance, voltage)
         if not found:
@@ -186,17 +186,17 @@ class CapacitanceMap:
 
     @property
     def turns(self) -> bool:
-        """Whether the capacitance turns: two displacements then have the same one."""
+        """Whether the capacitance is not monotonic: two displacements then have the same one."""
         steps = np.array([np.diff(s.at(self._grid)) for s in self.sweeps])
         rise, fall = steps.clip(min=0).sum(axis=1), -steps.clip(max=0).sum(axis=1)
         return bool((np.minimum(rise, fall) > 1e-3 * np.maximum(rise, fall)).any())
 
     def errors(self) -> list[tuple[float, float]]:
-        """Voltage (kV) and largest error of `displacement` (mm), by leaving points out.
+        """Voltage (kV) and largest error of `displacement` (mm), estimated by cross-validation.
 
-        Every second displacement of all sweeps makes a map of its own, which is asked for the
-        others; where it knows no such capacitance, the error is that to the nearest one it knows,
-        and where there are several displacements, that to the nearest of these.
+        A map of every second displacement is inverted at the other ones. If a capacitance is
+        outside that map, the nearest one in it is taken, and if several displacements have it, the
+        nearest displacement.
         """
         half = CapacitanceMap(
             [Sweep(s.voltage, s.displacement[::2], s.capacitance[::2]) for s in self.sweeps]

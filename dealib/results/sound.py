@@ -1,12 +1,13 @@
 """Sound of a flat, axisymmetric face in a baffle, by Rayleigh's integral.
 
-With the amplitude w(r) of its velocity, exp(i omega t) and k = omega/c, the pressure on the axis is
+With the amplitude w(r) of its velocity, the factor exp(i omega t) and k = omega/c, the pressure on
+the axis is
 
     p = i omega rho int w exp(-i k s)/s r dr,  s^2 = r^2 + z^2,
 
-and in the far field at the angle theta i omega rho exp(-i k R)/R D(theta), with
-D = int w J0(k r sin theta) r dr; so P = pi rho omega^2/c int |D|^2 sin theta dtheta is radiated.
-Rayleigh, Theory of Sound, 1896, 278 and 302.
+and in the far field, at the angle theta to the axis, p = i omega rho exp(-i k R)/R D(theta) with
+D = int w J0(k r sin theta) r dr. The radiated power is
+P = pi rho omega^2/c int |D|^2 sin theta dtheta (Rayleigh, Theory of Sound, 1896, 278 and 302).
 """
 
 from __future__ import annotations
@@ -18,15 +19,15 @@ import numpy as np
 from dealib.results.elements import Array
 
 DENSITY, SPEED = 1.204e-12, 3.432e5  # of air at 20 degrees, t/mm^3 and mm/s
-_POINTS = 200  # and more where there are many waves
+_POINTS = 200  # of the quadrature; more if the face is many wavelengths wide
 
 
 def on_axis(r: Array, velocity: Any, omega: float, z: float) -> complex:
-    """Pressure at a distance on the axis, MPa.
+    """Complex amplitude of the pressure on the axis, MPa.
 
     Args:
-        r: Radii, ascending, mm; within the first one the face moves as it does there.
-        velocity: Complex amplitudes, mm/s; linear in between.
+        r: Radii, ascending, mm; within the first one the velocity is that of the first one.
+        velocity: Complex amplitudes at the radii, mm/s; linear in between.
         omega: Angular frequency, 1/s.
         z: Distance, mm.
     """
@@ -36,7 +37,7 @@ def on_axis(r: Array, velocity: Any, omega: float, z: float) -> complex:
 
 
 def power(r: Array, velocity: Any, omega: float) -> float:
-    """Radiated into the half space, mean over time, mW; arguments as of `on_axis`."""
+    """Power radiated into the half space, mean over time, mW (arguments as for `on_axis`)."""
     from scipy.special import j0
 
     x, weight, w = _rule(r, velocity, omega)

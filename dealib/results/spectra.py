@@ -1,4 +1,4 @@
-"""Tables beside a run: of modes, frequencies, responses, sensitivities, uncertainties."""
+"""Further tables of a run: modes, frequencies, responses, sensitivities, uncertainties."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from dealib.errors import ConfigError, first_line
 from dealib.files import write_text
-from dealib.results import store
+from dealib.results import xdmf
 from dealib.results.history import STAGE
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def write(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def read(path: Path, *needed: str) -> pandas.DataFrame:
-    """Read such a file, of numbers but for the stages' names.
+    """Read a table; all its columns but the names of stages are numbers.
 
     Args:
         path: The file.
@@ -64,16 +64,16 @@ def read(path: Path, *needed: str) -> pandas.DataFrame:
 
 
 def write_shapes(run: Run) -> None:
-    """Write `modes.xdmf`, for ParaView: a time step for each mode of each stored state.
+    """Write `modes.xdmf` for ParaView, with one time step for each mode of each stored state.
 
-    Its fields are `u`, the displacement of the state, and `mode`, whose longest displacement is 1.
+    Its fields are `u`, the displacement of the state, and `mode`, whose largest displacement is 1.
 
     Raises:
         PlatformError: If the disk refuses.
     """
     from dealib.results.fields import named
 
-    file, axes, count = store.FieldFile(run.directory, run.mesh, name=SHAPES), run.mesh.points, 0
+    file, axes, count = xdmf.FieldFile(run.directory, run.mesh, name=SHAPES), run.mesh.points, 0
     for index in range(len(run.stored_steps)):
         modes = run.modes(index)
         if modes is None:

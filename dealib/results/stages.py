@@ -1,4 +1,4 @@
-"""Stages of a history: which one each state belongs to, and what drives the ports in it."""
+"""Stages of a history: the stage of each state, and what drives the ports in it."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def numbers(
 ) -> Ints:
     """Index in the program of each row's stage, (rows,); that of the first row is 0.
 
-    A stage lasts as long as the rows have its name. Neighbours may share one: then it ends where
-    its duration does, unless it follows a branch, or where a condition ended it.
+    A stage lasts as long as the rows have its name. If the next stage has the same name, it ends
+    after its duration (unless it follows a branch), or where a condition ended it.
 
     Args:
         history: The history.
         program: The stages.
-        stops: Where conditions ended a stage, as in `run.json`.
+        stops: The stages that conditions ended, as in `run.json`.
     """
     time, names, steps = (history[c].to_numpy() for c in ("time_s", "stage", "step"))
     ended = {stop["step"] for stop in stops}
@@ -50,9 +50,9 @@ def numbers(
 
 
 def clock(program: Sequence[Stage]) -> str:
-    """Column to tell the states of a run apart by.
+    """Column over which the states of a run are drawn: `time_s`, or `step` if a branch is followed.
 
-    It is `time_s`, but `step` if a stage follows a branch: there time only counts the path.
+    In a stage that follows a branch the time only counts steps along the path.
     """
     return "step" if any(stage.follow is not None for stage in program) else "time_s"
 
@@ -71,7 +71,7 @@ def titles(program: Sequence[Stage]) -> list[str]:
 def drives(program: Sequence[Stage], device: Device) -> list[dict[str, str]]:
     """What drives each port in each stage: 'displacement', 'mass', ...; 'path' if followed.
 
-    After a path what was set free stays where it is.
+    After a stage that follows a branch, the variable that was unknown in it is held at its value.
     """
     now = {p.name: (p.kind.dual if p.floating else p.kind.primal).name for p in device.ports}
     found = []

@@ -1,4 +1,4 @@
-"""The run directory on disk: written so that a kill at any moment leaves it readable."""
+"""History, states and `run.json` of a run directory, readable after a kill at any moment."""
 
 from __future__ import annotations
 
@@ -7,35 +7,31 @@ import errno
 import io
 import json
 import os
-import re
 import shutil
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import h5py
-import numpy as np
 import numpy.typing as npt
 
 from dealib.files import guarded, whole, write_text
-from dealib.log import LOGGER
 from dealib.results.elements import Array, Cell
 from dealib.results.hdf5 import memory_hdf5, new_hdf5, write_hdf5
 from dealib.results.history import HISTORY
 from dealib.results.info import INFO
 from dealib.results.mesh import ResultMesh
 
-STATES, FIELDS = "results.h5", "fields.xdmf"
-FIELD_DATA = "fields"  # folder of the HDF5 files beside fields.xdmf
-STATE_DATA = "states"  # the same beside results.h5, while the run goes on
+STATES = "results.h5"
+STATE_DATA = "states"  # folder of the states' files beside it, while the run goes on
 
 
 class HistoryFile:
-    """`history.csv`: one flushed line a converged step.
+    """`history.csv`: one flushed line per converged step.
 
     Args:
         directory: The run directory.
-        keep: Go on after this step; later rows are dropped.
+        keep: Continue after this step; later rows are dropped.
     """
 
     def __init__(self, directory: Path, keep: int = -1) -> None:
@@ -79,12 +75,12 @@ def _text(value: Any) -> Any:
 
 
 def _keep(file: Any, name: str, values: npt.NDArray[Any]) -> None:
-    """Store an array with checksums, so that damage does not pass for numbers."""
+    """Store an array with checksums, so that reading notices damage."""
     file.create_dataset(name, data=values, fletcher32=True)
 
 
-# beside nodal values: C_i of Maxwell branches, as `fields` wants it; modes, (modes, nodes, axes);
-# velocities, (nodes, axes)
+# arrays that a state may have: internal variables (see `fields.Fields`), (cells, points, entries,
+# 4), modes, (modes, nodes, axes), and velocities, (nodes, axes)
 _MORE = ("internal", "modes", "velocity")
 _CHUNK = 64  # rows of the history that are allocated at a time
 
@@ -92,15 +88,15 @@ _CHUNK = 64  # rows of the history that are allocated at a time
 class StateFile:
     """`results.h5`: mesh, config, versions, history and nodal states.
 
-    While the run goes on each state is a file of its own and `results.h5`, which links to them, is
-    kept in memory; `flush` replaces it whole, and `close` gathers everything into the one file.
+    While the run continues, each state is a file of its own. `results.h5`, which links to them, is
+    kept in memory; `flush` replaces it as a whole, and `close` copies everything into it.
 
     Args:
         directory: The run directory.
         mesh: Mesh of the states.
         axes: Names of its coordinates.
-        texts: What else to store, by name.
-        keep: Go on after this step; later ones are dropped.
+        texts: Texts to store, by name.
+        keep: Continue after this step; later ones are dropped.
     """
 
     def __init__(
@@ -111,7 +107,7 @@ class StateFile:
         texts: Mapping[str, str],
         keep: int = -1,
     ) -> None:
-        # the last component in the mixed form only
+        # p exists in the mixed form only
         self._components = [*(f"u_{axis}_mm" for axis in axes), "phi_kV", "p_MPa"]
         self.path, self.folder = directory / STATES, directory / STATE_DATA
         with guarded(self.folder):
@@ -130,8 +126,8 @@ class StateFile:
         self._link("mesh", "mesh.h5", "/")
         self._file.create_group("states")
         self._history = self._file.create_group("history", track_order=True)
-        self._columns: dict[str, Any] = {}  # to look them up by name costs as much as to write
-        self._rows: list[Mapping[str, Any]] = []  # that are not in it yet
+        self._columns: dict[str, Any] = {}  # kept, since h5py's look-up costs as much as writing
+        self._rows: list[Mapping[str, Any]] = []  # rows that are not in the file yet
         if keep >= 0:
             self._reopen(keep)
         self.flush()
@@ -143,8 +139,8 @@ class StateFile:
 
         Args:
             row: The row.
-            state: Nodal values.
-            more: What else there is of it, by the names of `_MORE`.
+            state: Nodal values, (nodes, columns); None if they are not to be stored.
+            more: Further arrays of the state, by the names of `_MORE`.
         """
         self._rows.append(row)
         if state is not None:
@@ -159,7 +155,7 @@ class StateFile:
             self._link_state(name, there)
 
     def flush(self) -> None:
-        """Write what there is."""
+        """Write all rows and links to the disk."""
         for name in self._rows[0] if self._rows else ():
             self._append(name, [row[name] for row in self._rows])
         self._rows.clear()
@@ -178,7 +174,7 @@ class StateFile:
             shutil.rmtree(self.folder)
 
     def _reopen(self, keep: int) -> None:
-        """Take up the history and the states up to a step, gathered or not."""
+        """Read the history and the states up to step `keep`, in one file or several."""
         with h5py.File(self.path, "r") as file:
             count = int((file["history/step"][:] <= keep).sum())
             for name, values in file["history"].items():
@@ -216,7 +212,7 @@ class StateFile:
             self._link(f"{key}/{name}", f"{name}.h5", f"/{key}")
 
     def _gather(self, file: Any) -> None:
-        """Copy everything into one file, and with it what is linked."""
+        """Copy everything into one file, including what is linked."""
         links = {}
 
         def copy(group: Any, path: str) -> None:
@@ -236,91 +232,6 @@ class StateFile:
         for name, link in links.items():
             with h5py.File(self.path.parent / link.filename, "r") as part:
                 part.copy(link.path, file, name=name)
-
-
-class FieldFile:
-    """`fields.xdmf` or another one: a grid a step with all fields, one small HDF5 file each.
-
-    Each file is written under a temporary name and then renamed; the XML follows its data.
-
-    Args:
-        directory: The run directory.
-        mesh: Mesh of the fields.
-        keep: Go on after this step; later ones are dropped.
-        name: Of the file; the others beside it have the name of a step, or of a mode.
-    """
-
-    _HEAD = '<?xml version="1.0" ?>\n<Xdmf Version="3.0"><Domain>\n'
-    _HEAD += '<Grid Name="steps" GridType="Collection" CollectionType="Temporal">\n'
-    _TAIL = "</Grid>\n</Domain></Xdmf>\n"
-
-    def __init__(
-        self, directory: Path, mesh: ResultMesh, keep: int = -1, name: str = FIELDS
-    ) -> None:
-        self.path, self.data = directory / name, directory / FIELD_DATA
-        self._stem = "step" if name == FIELDS else self.path.stem
-        with guarded(self.data):
-            self.data.mkdir(exist_ok=True)
-        self.mesh = mesh
-        self._grids = self._reopen(keep)
-        n, axes = mesh.points.shape
-        points = np.column_stack([mesh.points, np.zeros((n, 3 - axes))])
-        self._write("mesh.h5", {"points": points, "cells": mesh.cells, "region": mesh.region})
-
-    def add(self, step: int, time: float, fields: Mapping[str, Array]) -> None:
-        """Add a step; times must grow."""
-        name = f"{self._stem}_{step:05d}.h5"
-        self._write(name, fields)
-        self._grids.append(self._grid(name, time, fields))
-        write_text(self.path, self._HEAD + "".join(self._grids) + self._TAIL)
-
-    def _reopen(self, keep: int) -> list[str]:
-        """The grids of the steps up to one."""
-        if keep < 0:
-            return []
-        text = self.path.read_text("utf-8", "replace") if self.path.is_file() else ""
-        if not text.endswith(self._TAIL):
-            LOGGER.warning("%s: missing or damaged; not all earlier steps are in it", self.path)
-        grids = re.finditer(r'<Grid Name="step">.*?/step_(\d+)\.h5.*?</Grid>\n', text, re.DOTALL)
-        return [g[0] for g in grids if int(g[1]) <= keep]
-
-    def _write(self, name: str, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
-        with new_hdf5(self.data / name) as file:
-            for key, values in arrays.items():
-                kind = "f4" if values.dtype.kind == "f" and name != "mesh.h5" else None
-                file.create_dataset(key, data=values, dtype=kind)
-
-    def _grid(self, name: str, time: float, fields: Mapping[str, Array]) -> str:
-        cells, nodes = self.mesh.cells.shape
-        n, kind = len(self.mesh.points), self.mesh.cell.xdmf_type
-        lines = [
-            f'<Grid Name="step"><Time Value="{time!r}" />',
-            f'<Topology TopologyType="{kind}" NumberOfElements="{cells}">',
-            _item("mesh.h5", "cells", (cells, nodes), "Int", 8) + "</Topology>",
-            '<Geometry GeometryType="XYZ">'
-            + _item("mesh.h5", "points", (n, 3), "Float", 8)
-            + "</Geometry>",
-            '<Attribute Name="region" AttributeType="Scalar" Center="Cell">'
-            + _item("mesh.h5", "region", (cells,), "Int", 8)
-            + "</Attribute>",
-        ]
-        for key, values in fields.items():
-            sort = {1: "Scalar", 2: "Vector", 3: "Tensor"}[values.ndim]
-            shape = (n,) if values.ndim == 1 else (n, int(np.prod(values.shape[1:])))
-            lines.append(
-                f'<Attribute Name="{key}" AttributeType="{sort}" Center="Node">'
-                + _item(name, key, shape, "Float", 4)
-                + "</Attribute>"
-            )
-        return "\n".join(lines) + "\n</Grid>\n"
-
-
-def _item(file: str, key: str, shape: tuple[int, ...], kind: str, size: int) -> str:
-    dims = " ".join(map(str, shape))
-    return (
-        f'<DataItem Dimensions="{dims}" NumberType="{kind}" Precision="{size}" Format="HDF">'
-        f"{FIELD_DATA}/{file}:/{key}</DataItem>"
-    )
 
 
 def write_info(directory: Path, info: Mapping[str, Any]) -> None:

@@ -21,12 +21,12 @@ from dealib.results.elements import Array, determinant, dot, inverse, metric
 
 @dataclass(frozen=True)
 class Deformation:
-    """What follows from the nodal values alone, at points of cells.
+    """Deformation and electric field at points of cells.
 
     Attributes:
         F: Deformation gradient from the mesh, (cells, points, 3, 3).
-        J: det F.
-        inverse: F^-1.
+        J: det F, (cells, points).
+        inverse: F^-1, (cells, points, 3, 3).
         e: True electric field, (cells, points, 3), kV/mm = MV/m.
     """
 
@@ -48,10 +48,10 @@ def second_pk(
     Args:
         law: The law.
         F: Deformation gradient from the mesh, (..., 3, 3).
-        prestretch: Stretches before the mesh along the components; None for none.
-        pressure: The mixed form's p, of shape F.shape[:-2], in place of the law's dW/dJ, which
+        prestretch: Pre-stretches of the mesh along the components, (3,); None for none.
+        pressure: The mixed form's p, of shape F.shape[:-2]. It replaces the law's dW/dJ, which
             near incompressibility is rounding error times the bulk modulus.
-        soften: Factor on all but that, from the energy density without its volumetric part.
+        soften: Factor on the isochoric stress as a function of the isochoric energy density.
     """
     P = np.ones(3) if prestretch is None else np.asarray(prestretch)
     total = F * P
@@ -71,12 +71,12 @@ def _isotropic(
     pressure: Array | None,
     soften: Callable[[Array], Array] | None = None,
 ) -> tuple[Array, Array, Array, Array]:
-    """Factors a, b, c, d of a law's S = a 1 + b C^-1 - c C + d e (x) e, e the last direction."""
+    """Factors a, b, c, d of S = a 1 + b C^-1 - c C + d e (x) e, e being the third direction."""
     q = J ** (-2 / 3)
     trace, square = C[..., 0, 0] + C[..., 1, 1] + C[..., 2, 2], np.einsum("...ij,...ij", C, C)
     second = (trace * trace - square) / 2
     hoop = C[..., 2, 2]
-    known = not (C[..., 0, 2].any() or C[..., 1, 2].any())  # it is a principal direction
+    known = not (C[..., 0, 2].any() or C[..., 1, 2].any())  # e is a principal direction
     i = Invariants(q * trace, q * q * second, J, q * hoop if known else None)
     d = _derivatives(law, i)
     if soften is not None:
@@ -96,10 +96,10 @@ def in_plane(
     prestretch: Array | None = None,
     pressure: Array | None = None,
 ) -> list[Array]:
-    """Elastic true stresses xx, yy and xy of orthogonal unit vectors (..., 3).
+    """Elastic true stresses xx, yy and xy for orthogonal unit vectors x and y, (..., 3).
 
-    With a = F^T x and b = F^T y they are a . S . b / J, of which C^-1 leaves x . y, so that no
-    tensor is needed (other arguments as for `second_pk`).
+    With a = F^T x and b = F^T y the component xy is a . S . b / J. Its term with C^-1 is x . y, so
+    that no tensor needs to be computed. The other arguments are those of `second_pk`.
     """
     total = F if prestretch is None else F * np.asarray(prestretch)
     J = determinant(total)
@@ -119,7 +119,7 @@ def in_plane(
 def networks_pk(
     networks: tuple[Network, ...], F: Array, internal: Array, prestretch: Array | None = None
 ) -> Array:
-    """What networks add to the second Piola-Kirchhoff stress per mesh area, shape of F.
+    """Second Piola-Kirchhoff stress of Maxwell branches and networks per mesh area, shape of F.
 
     Args:
         networks: The networks.
@@ -140,7 +140,7 @@ def networks_pk(
 
 
 def _derivatives(law: Law, i: Invariants) -> Invariants:
-    """Derivatives of W by complex steps, exact to rounding."""
+    """Derivatives of W with respect to the invariants by complex steps, exact to rounding."""
     p, h = law.values, 1e-30
     found = {}
     for name, value in vars(i).items():
@@ -171,17 +171,17 @@ def maxwell(permittivity: float | Array, e: Array) -> Array:
 
 @dataclass(frozen=True)
 class RegionMaterial:
-    """What a region is made of, for local quantities.
+    """The material of a region, with what its local stresses depend on.
 
     Attributes:
-        law: Its law; None for air and rigid blocks.
-        permittivity: eps in N/kV^2; 0 for a conductor.
-        prestretch: Stretches of the mounted state along the components, or None.
-        slope: Change of eps a unit of area stretch, N/kV^2.
-        networks: Its Maxwell branches, and the network of a permanent set.
-        mullins: Its softening.
-        normal: Component across the layer.
-        thickness: Of a sheet's layer as mounted, mm; 0 for a solid.
+        law: The law; None for air and rigid blocks.
+        permittivity: Permittivity eps, N/kV^2; 0 for a conductor.
+        prestretch: Stretches of the mounted state along the components, (3,), or None.
+        slope: Derivative of eps with respect to the area stretch, N/kV^2.
+        networks: Maxwell branches, and the network of a permanent set.
+        mullins: Mullins softening, or None.
+        normal: Number of the component across the layer.
+        thickness: Mounted thickness of a sheet's layer, mm; 0 for a solid.
     """
 
     law: Law | None
@@ -200,7 +200,7 @@ class RegionMaterial:
 
     @property
     def remembers(self) -> bool:
-        """Whether its stress depends on what came before."""
+        """Whether its stress depends on the history of the deformation."""
         return bool(self.networks) or self.mullins is not None
 
     @property
@@ -215,7 +215,7 @@ class RegionMaterial:
         return np.ones(3) if self.prestretch is None else self.prestretch
 
     def area_stretch(self, k: Deformation) -> Array:
-        """Square root of the growth in area of the layer since its unstretched state."""
+        """Square root of the layer's area over its unstretched area, (cells, points)."""
         a, b = self.plane
         area = k.J * np.linalg.norm(k.inverse[..., self.normal, :], axis=-1)
         return np.asarray(np.sqrt(self.stretch[a] * self.stretch[b] * area))
@@ -232,10 +232,11 @@ class RegionMaterial:
         return np.asarray(n / np.linalg.norm(n, axis=-1)[..., None])
 
     def electric_stress(self, k: Deformation) -> Array:
-        """All that the field adds to the stress, electrostriction included, MPa.
+        """Maxwell stress and electrostriction, (cells, points, 3, 3), MPa.
 
-        With eps = a + slope l, l the area stretch, the energy -(eps/2) J e.e gives
-        -(e.e/2) slope (dl/dF) F^T besides Maxwell's stress, and dl/dF F^T = l/2 (I - n (x) n).
+        With eps = a + slope l, l being the area stretch, the derivative of the energy
+        -(eps/2) J e.e is Maxwell's stress plus -(e.e/2) slope (dl/dF) F^T, in which
+        dl/dF F^T = l/2 (I - n (x) n).
         """
         stress = maxwell(self.permittivity_at(k), k.e)
         if self.slope:
@@ -246,20 +247,20 @@ class RegionMaterial:
         return stress
 
     def true_stress(self, k: Deformation, pressure: Array | None, internal: Array | None) -> Array:
-        """Cauchy stress of law and networks, as `elastic_stress`."""
+        """Cauchy stress of law and networks, MPa (arguments as for `elastic_stress`)."""
         return cauchy(k.F, self.elastic_stress(k, pressure, internal))
 
     def in_plane(
         self, k: Deformation, x: Array, y: Array, pressure: Array | None, internal: Array | None
     ) -> Array:
-        """True stresses xx, yy and xy, the field's included, (..., 3), MPa.
+        """True stresses xx, yy and xy with those of the field, (..., 3), MPa.
 
         Args:
             k: Deformation and field.
-            x: Unit vectors (..., 3).
-            y: Others, orthogonal to these.
+            x: Unit vectors, (..., 3).
+            y: Unit vectors orthogonal to x.
             pressure: As for `elastic_stress`.
-            internal: Likewise.
+            internal: As for `elastic_stress`.
         """
         assert self.law is not None
         if internal is None:
@@ -285,8 +286,8 @@ class RegionMaterial:
 
         Args:
             k: Deformation.
-            pressure: The mixed form's p.
-            internal: What it remembers, packed (see `Viscosity.gather`), (..., entries, 4).
+            pressure: The mixed form's p, MPa; None in the displacement form.
+            internal: Internal variables, packed (see `Viscosity.gather`), (..., entries, 4).
         """
         assert self.law is not None
         if internal is None:

@@ -1,4 +1,4 @@
-"""What an engineer asks of a history first."""
+"""Key figures of a run: strokes, margins, and texts about single states."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ def voltages(history: pandas.DataFrame) -> pandas.Series[float]:
 
 
 def under_voltage(history: pandas.DataFrame) -> pandas.Series[bool]:
-    """Whether there is a voltage, row by row, rounding apart."""
+    """Whether there is a voltage (above rounding), row by row."""
     voltage = voltages(history)
     return voltage > 1e-9 * voltage.max()
 
 
 def stored_note(run: Run) -> str:
-    """What to know of the stored steps: there was a voltage, but none is stored; else ''."""
+    """A note if the run had a voltage but no state under voltage is stored; else ''."""
     under = under_voltage(run.history)
     stored = run.history["step"].isin(run.stored_steps)
     return "no state under voltage was stored" if under.any() and not (under & stored).any() else ""
 
 
 def moment(run: Run, row: Mapping[str, Any] | pandas.Series[Any]) -> str:
-    """Step, time and stage of a state: 'step 21, t = 25 s, actuate'.
+    """Step, time and stage of a state as text: 'step 21, t = 25 s, actuate'.
 
     Args:
         run: The run.
-        row: `step`, `time_s` and `stage`.
+        row: Row of the history, with `step`, `time_s` and `stage`.
     """
     timed = stages.clock(run.config.program) == "time_s"
     time = f", t = {neat(row['time_s'], 4)} s" if timed else ""
@@ -64,7 +64,7 @@ SYMBOLS = {
 
 
 def motion(run: Run) -> list[str]:
-    """Up to two columns of what a device does: of its first mount, chamber, or of two probes."""
+    """Up to two columns for the motion: of the first mount or chamber, else of two probes."""
     for port in (p for kind in (MOUNT, CHAMBER) for p in run.config.device.of(kind)):
         return [port.column(variable) for variable in port.kind.variables]
     return [c.name for c in columns(run.config).values() if c.probe and c.name in run.history][:2]
@@ -77,7 +77,7 @@ def drive(run: Run) -> str:
 
 
 def values_told(run: Run, row: Any, digits: int = 4) -> str:
-    """Motion and drive of a state: 'u = -3 mm, F = -0.8133 N, V = 2.5 kV'."""
+    """Motion and drive of a state as text: 'u = −3 mm, F = −0.8133 N, V = 2.5 kV'."""
     known, found = columns(run.config), []
     for name in dict.fromkeys([*motion(run), drive(run)]):
         column = known[name]
@@ -90,15 +90,15 @@ def values_told(run: Run, row: Any, digits: int = 4) -> str:
 
 @dataclass(frozen=True)
 class Actuation:
-    """What the voltage did to one quantity in one stage, against the state just before it.
+    """The largest change of one quantity in a stage under voltage, from the state before it.
 
     Attributes:
-        stage: Name of the stage, numbered if there are several of it.
-        peak_voltage: kV.
-        what: Such as 'stroke'; 'force change' of a mount that is held, 'change of tip' of a probe.
+        stage: Name of the stage, numbered if several stages have this name.
+        peak_voltage: Largest voltage in the stage, kV.
+        what: 'stroke', 'force change' for a mount that is held, 'change of tip' for a probe, ...
         value: Largest change.
-        unit: Of it.
-        kept: What does not change meanwhile, such as 'mount held'; empty for nothing.
+        unit: Unit of `value`.
+        kept: What stays constant, such as 'mount held'; empty if nothing does.
     """
 
     stage: str
@@ -109,8 +109,8 @@ class Actuation:
     kept: str = ""
 
 
-_LEAST = 1e-6  # mm, kPa: a port whose value changes less is kept
-# by kind: name of a change of the value, and what is said where there is none
+_LEAST = 1e-6  # mm, kPa: a port whose value changes less is held
+# by kind of port: name of a change of its value, and the note if the value is held
 _STROKE = {
     MOUNT: ("stroke", "mount held"),
     TURN: ("rotation", "turn held"),
@@ -119,9 +119,9 @@ _STROKE = {
 
 
 def actuations(run: Run) -> list[Actuation]:
-    """For each stage under voltage what it did to mounts, chambers and probes, in order.
+    """Changes of mounts, turns, chambers and probes in each stage under voltage, in order.
 
-    Ports that are led somewhere, and quantities that are not there, are left out.
+    Ports whose value is prescribed to change, or that follow a branch, are left out.
     """
     h, program, device = run.history, run.config.program, run.config.device
     number = stages.numbers(h, program, run.info.get("stops", ()))
@@ -156,7 +156,7 @@ def actuations(run: Run) -> list[Actuation]:
     return found
 
 
-# column of the history -> name, what it compares, and what it means to be beyond
+# column of the history -> name, what is compared, and what it means to exceed the limit
 MARGINS = {
     "breakdown_use": (
         "breakdown",
@@ -191,17 +191,17 @@ GIVEN = ("breakdown_use", "stretch_use")  # limits of the config; the others are
 
 @dataclass(frozen=True)
 class Margin:
-    """The worst of one margin over a run.
+    """The worst value of one margin over a run.
 
     Attributes:
-        name: Of the margin.
+        name: Name of the margin.
         meaning: What is compared.
-        beyond: What it means to be beyond.
-        given: Whether the config gives the limit; else it is the film's own.
-        use: How much is used: 1 is the limit; infinite where there is nothing left at all.
+        beyond: What it means to exceed the limit.
+        given: Whether the config gives the limit; else it follows from the film's material.
+        use: Used share: 1 is the limit; infinite if the film is unstable without a field.
         where: Place in the mesh, if known.
         when: Step, time and stage.
-        ok: Whether the limit holds.
+        ok: Whether the limit is kept.
     """
 
     name: str
@@ -215,17 +215,17 @@ class Margin:
 
     @property
     def used(self) -> str:
-        """`use` for the eye."""
+        """`use` as text."""
         return f"{self.use:.3f}" if self.use < float("inf") else "∞"
 
     @property
     def verdict(self) -> str:
-        """'ok', or one of `VERDICTS`: for a limit of the config, and for one of the film."""
+        """'ok', 'limit exceeded' for a limit of the config, or 'beyond' for one of the film."""
         return "ok" if self.ok else VERDICTS[not self.given]
 
 
 def margins(run: Run) -> list[Margin]:
-    """The margins of a run, in a fixed order; of one that was killed, from its history."""
+    """The margins of a run, in a fixed order; if the run was killed, from its history."""
     found = run.info.get("margins") or _from_history(run)
     places = {f"{axis}_mm" for axis in run.config.device.kinematics.axes}
     return [
@@ -256,7 +256,7 @@ def _from_history(run: Run) -> dict[str, dict[str, Any]]:
 
 
 def alarms(run: Run) -> dict[str, str]:
-    """What is beyond a limit, by verdict: 'wrinkling 1.193, pull-in 1.072'."""
+    """Margins whose limit is exceeded, by verdict, as text: 'wrinkling 1.193, pull-in 1.072'."""
     found = [m for m in margins(run) if not m.ok]
     told = {
         verdict: ", ".join(f"{m.name} {m.used}" for m in found if m.verdict == verdict)

@@ -1,10 +1,10 @@
-"""Tables of a device for system simulation, with their interpolant.
+"""Tables of a device for system simulation, with their interpolation.
 
-Over displacement and voltage, for instance: F(u, V), Q(u, V), C(u, V). The interpolant is that of
-one potential Pi, so that the duals of all ports come from the same energy: F = dPi/du,
-Q = -dPi/dV, and dF/dV = -dQ/du holds everywhere, not only at the nodes. Pi is the piecewise cubic
-function of each variable that has Pi and its first derivatives at the nodes; between them the
-error of the duals falls with the third power of the spacing.
+For example, over displacement and voltage: F(u, V), Q(u, V), C(u, V). A potential Pi is
+interpolated, and the duals of all ports are its derivatives: F = dPi/du and Q = -dPi/dV. So
+dF/dV = -dQ/du holds everywhere, not only at the nodes. The interpolation by piecewise cubic Hermite
+polynomials uses Pi and its first derivatives at the nodes. The error of the duals between the nodes
+falls with the third power of the spacing.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ class Tables:
 
     Attributes:
         axes: Values of each variable by its column, ascending.
-        values: By column, arrays over the grid: the dual of each variable, capacitances, and the
-            potential, elastic less electric energy.
-        rows: Of the history that the nodes were collected from, (*grid).
+        values: Arrays over the grid by column: the dual of each variable, capacitances, and the
+            potential, which is the elastic minus the electric energy.
+        rows: Rows of the history from which the nodes were collected, (*grid).
 
     Args:
-        columns: All of them.
+        columns: Axes and values by column.
         rows: See above.
     """
 
@@ -68,7 +68,7 @@ class Tables:
 
     @property
     def frame(self) -> pandas.DataFrame:
-        """One row a node, indexed by the axes; its `to_xarray()` is a dataset, with xarray."""
+        """One row per node, indexed by the axes; with xarray, `to_xarray()` makes a dataset."""
         import pandas as pd
 
         index = pd.MultiIndex.from_product(list(self.axes.values()), names=list(self.axes))
@@ -92,10 +92,13 @@ class Tables:
     # --- the interpolant -------------------------------------------------------------------------
 
     def potential(self, *at: Any) -> Array:
-        """Pi, mJ, at values of the axes, in their units, that broadcast.
+        """Pi, mJ.
+
+        Args:
+            at: Values of each axis, in its unit; arrays are broadcast.
 
         Raises:
-            ValueError: Outside the grid, where the tables know nothing.
+            ValueError: If a value is outside the grid.
         """
         return self._derivative(at)
 
@@ -103,19 +106,19 @@ class Tables:
         """A dual in the unit of its column.
 
         Args:
-            name: Such as 'force', 'charge' or 'charge.left'.
-            at: Values of the axes.
+            name: 'force', 'charge', 'charge.left', ...
+            at: As for `potential`.
         """
         axis = self._axis(name)
         return self._derivative(at, axis) * _factor(axis)
 
     def slope(self, name: str, by: str, *at: Any) -> Array:
-        """Derivative of a dual by an axis, the others constant, in the units of both columns.
+        """Partial derivative of a dual with respect to an axis, in the units of both columns.
 
         Args:
-            name: Such as 'force'.
-            by: Such as 'displacement'.
-            at: Values of the axes.
+            name: Name of the dual, such as 'force'.
+            by: Name of the axis, such as 'displacement'.
+            at: As for `potential`.
         """
         axis = self._axis(name)
         return self._derivative(at, axis, self._named(by)) * _factor(axis)
@@ -224,27 +227,30 @@ def _suffix(column: str) -> str:
 
 
 def _dual(axis: str) -> str:
-    """Column of what is dual to an axis."""
+    """Column of the dual of an axis."""
     return _KINDS[_stem(axis)].dual.column + _suffix(axis)
 
 
 def _factor(axis: str) -> float:
-    """The dual of an axis over the derivative of Pi by it, both in the units of their columns."""
+    """Factor from the derivative of Pi with respect to an axis to its dual, in columns' units."""
     kind: PortKind = _KINDS[_stem(axis)]
     return kind.sign * kind.primal.factor * kind.dual.factor
 
 
 def collect(run: Run) -> Tables:
-    """The tables of a run that has walked over the grid of its config's `tables`.
+    """Collect the tables of a run whose config has the key `tables`.
 
     Raises:
-        ConfigError: If the run has no such grid, or has not met all of its nodes.
+        ConfigError: If the config has no `tables`, or not all nodes of the grid are solved.
     """
     wanted = run.config.tables
     if wanted is None:
         raise ConfigError(f"{run.directory}: its config has no tables")
     h, device = run.history, run.config.device
-    axes = {device.column(n): np.sort(_in_column(device, n, g)) for n, g in wanted.grids.items()}
+    axes = {
+        device.column(name): np.sort(grid * device.variables[name].kind.primal.factor)
+        for name, grid in wanted.grids.items()
+    }
     names = [*map(_dual, axes), *(c for c in map(str, h) if _stem(c) == "capacitance_pF")]
     potential = h["elastic_energy_mJ"] - h["electric_energy_mJ"]
     rows = _rows(h[list(axes)].to_numpy(), list(axes.values()))
@@ -255,7 +261,7 @@ def collect(run: Run) -> Tables:
 
 
 def _rows(at: Array, grids: Sequence[Array]) -> npt.NDArray[np.int64]:
-    """Row of each node of a grid among states (rows, axes), or -1."""
+    """Row of the state at each node of a grid, (*grid); -1 where there is none."""
     sizes = np.array([np.ptp(grid) for grid in grids])
     found = np.full(tuple(map(len, grids)), -1)
     for index in np.ndindex(*found.shape):
@@ -264,11 +270,6 @@ def _rows(at: Array, grids: Sequence[Array]) -> npt.NDArray[np.int64]:
         if off.min() < 1e-9:
             found[index] = off.argmin()
     return found
-
-
-def _in_column(device: Any, variable: str, grid: Array) -> Array:
-    """Values of a variable in the unit of its column."""
-    return np.asarray(grid * device.variables[variable].kind.primal.factor)
 
 
 def load(path: str | Path) -> Tables:

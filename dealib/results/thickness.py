@@ -1,4 +1,4 @@
-"""Averages over the thickness of a layer: its points in columns."""
+"""Averages over the thickness of a layer, whose points are sorted into columns."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ class Columns:
         """Sort points into columns.
 
         Args:
-            edges: Coordinates that bound the columns (see `edges`), ascending.
-            along: Coordinate of the points along the layer, (cells, points).
-            nodes: Nodes of the cells (cells, nodes, axes).
+            edges: Coordinates that bound the columns (see `edges`), ascending, mm.
+            along: Coordinates of the points along the layer, (cells, points), mm.
+            nodes: Coordinates of the cells' nodes, (cells, nodes, axes), mm.
             corners: Number of corners of a cell.
         """
         x, y = nodes[:, :corners, 0], nodes[:, :corners, 1]
@@ -54,7 +54,7 @@ class Columns:
         Args:
             values: Values at the points, (cells, points, components).
             k: Deformation.
-            total: Adds up what each rank has.
+            total: Adds up the arrays of all ranks.
 
         Returns:
             Shape (columns, components).
@@ -68,14 +68,15 @@ class Columns:
 
 
 def edges(cell: Cell, nodes: Array, along: Array, normal: int) -> Array:
-    """Coordinates that bound a layer's columns: of the corners on its upper face, ascending, mm.
+    """Coordinates that bound the columns of a layer, ascending, mm.
 
-    A column in which no point lies (of free triangles) goes to its neighbour.
+    They are the corners on its upper face. A column without points, which unstructured triangles
+    may leave, is joined to its neighbour.
 
     Args:
         cell: Reference cell.
-        nodes: Of all cells of the layer, (cells, nodes, axes).
-        along: Coordinate of their points along the layer, (cells, points).
+        nodes: Coordinates of the nodes of all cells of the layer, (cells, nodes, axes), mm.
+        along: Coordinates of their points along the layer, (cells, points), mm.
         normal: Number of the axis across the layer.
     """
     upper = face(nodes, cell.corners, 1, normal)

@@ -1,4 +1,4 @@
-"""Everything that a run writes of its converged states, in the order that survives a kill."""
+"""Writing of converged states, in an order that leaves the files consistent after a kill."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from dealib.config.schema import Config
-from dealib.results import paraview, store
+from dealib.results import paraview, store, xdmf
 from dealib.results.checkpoint import CheckpointFolder
 from dealib.results.elements import Array
 from dealib.results.fields import Fields, named
@@ -18,15 +18,15 @@ from dealib.results.mesh import ResultMesh
 
 @dataclass(frozen=True)
 class Opening:
-    """What a writer begins with.
+    """What a writer needs to open the files of a run.
 
     Attributes:
         directory: The run directory.
         config: The run's config.
         mesh: Mesh of the states.
-        texts: What else `results.h5` holds, by name.
-        done: Go on after this step; later ones are dropped.
-        resumable: Whether there are checkpoints, and `results.h5` is whole at each step.
+        texts: Texts that `results.h5` holds, by name.
+        done: Continue after this step; later ones are dropped.
+        resumable: Whether each step writes a checkpoint and flushes `results.h5`.
     """
 
     directory: Path
@@ -43,15 +43,14 @@ class Record:
 
     Attributes:
         row: Row of the history.
-        state: Nodal values; None if nobody wants them.
-        stored: Whether the state and its fields are results, or only a checkpoint.
+        state: Nodal values, (nodes, columns); None if they are not needed.
+        stored: Whether state and fields are stored as results, besides the checkpoint.
         values: Plain values for the checkpoint.
         keep: How many states a checkpoint keeps.
-        beside: What else a checkpoint holds of it: 'internal', the internal state of Maxwell
-            branches, 'rates', velocities and accelerations, and 'charges', of resistive electrodes,
-            if there are some.
-        at_gauss: The internal state as `fields` wants it.
-        modes: Displacements of modes, where stability is lost, (modes, nodes, axes).
+        beside: Further arrays of the checkpoint, if there are any: 'internal' (internal variables),
+            'rates' (velocities and accelerations), 'charges' (of resistive electrodes).
+        at_gauss: Internal variables in the form that `fields.Fields` takes.
+        modes: Displacements of modes where stability is lost, (modes, nodes, axes).
     """
 
     row: dict[str, Any]
@@ -78,7 +77,7 @@ class Writer(Protocol):
         """Return when all records are written."""
 
     def close(self) -> float:
-        """Write what is left, make `results.h5` one file; returns the seconds that writing took."""
+        """Write the remaining records and merge `results.h5`; returns the seconds spent writing."""
 
 
 class StepWriter:
@@ -93,14 +92,14 @@ class StepWriter:
             directory, mesh, opening.config.device.kinematics.axes, opening.texts, done
         )
         self._checkpoint = CheckpointFolder(directory) if opening.resumable else None
-        self._fields: store.FieldFile | None = None
+        self._fields: xdmf.FieldFile | None = None
         if opening.config.output.fields != "none":
-            self._fields = store.FieldFile(directory, mesh, done)
+            self._fields = xdmf.FieldFile(directory, mesh, done)
             self._derive = Fields(opening.config, mesh)
             paraview.write(directory, mesh)
 
     def add(self, record: Record) -> None:
-        """See `Writer`. The checkpoint comes last: what it knows of is all there."""
+        """See `Writer`. The checkpoint comes last, so that all files have what it refers to."""
         begin = time.perf_counter()
         row, state, at_gauss = record.row, record.state, record.at_gauss
         rates = record.beside.get("rates")
