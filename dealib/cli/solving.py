@@ -71,7 +71,7 @@ def modes(
 ) -> None:
     """Compute natural frequencies and mode shapes about the states at the ends of stages.
 
-    A port with a prescribed displacement, voltage or pressure is held at it; a port under a load is
+    A port with a prescribed displacement, voltage or volume is held at it; a port under a load is
     free and moves with its mass; a terminal with a prescribed charge is open. A mode that grows has
     a negative frequency: minus its growth rate over 2 pi. `dealib animate RUN-modes --field mode2`
     animates a mode.
