@@ -439,10 +439,13 @@ MISTAKES = {  # changed lines -> what is said, from the line on
     ),
     "no comparison": (
         {"subject_to": "[stroke]"},
-        "6:14: subject_to.0: 'stroke' is not a comparison; expected 'used <= 0.8' or "
+        "6:14: subject_to.0: 'stroke' is not an inequality such as 'used <= 0.8' or "
         "'0 <= max(force_N) <= 2'",
     ),
-    "equality": ({"subject_to": "['stroke == 2']"}, "6:14: subject_to.0: 'stroke == 2' compares"),
+    "equality": (
+        {"subject_to": "['stroke == 2']"},
+        "6:14: subject_to.0: 'stroke == 2' is not an inequality",
+    ),
     "numbers": (
         {"subject_to": "['1 <= 2']"},
         "6:14: subject_to.0: '1 <= 2' compares constants; name a quantity",

@@ -419,7 +419,7 @@ MISTAKES = [  # what is written instead of what, line and column, what is said
     ("{strength: 80 MV/m, ", "{", "10:1: breakdown.strength: this key is missing"),
     ("max(failure_probability)", "max(failure)", "13:12: quantities.failure: unknown name "
      "'failure'"),
-    ("'force <= -0.09'", "'force'", "14:14: subject_to.0: 'force' is not a comparison"),
+    ("'force <= -0.09'", "'force'", "14:14: subject_to.0: 'force' is not an inequality"),
     ("samples: 16", "samples: 20", "15:21: sampling.samples: 20 is not allowed"),
 ]  # fmt: skip
 

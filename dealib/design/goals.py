@@ -127,7 +127,7 @@ def _comparisons(plan: Plan, text: str, where: Path_) -> list[tuple[str, int, st
         node = None
     if not (isinstance(node, ast.Compare) and {type(op) for op in node.ops} <= _SIGNS.keys()):
         example = "'used <= 0.8' or '0 <= max(force_N) <= 2'"
-        raise plan.fault(where, f"{text!r} is not a comparison; expected {example}")
+        raise plan.fault(where, f"{text!r} is not an inequality such as {example}")
     sides = [ast.unparse(side) for side in (node.left, *node.comparators)]
     signs = [_SIGNS[type(op)] for op in node.ops]
     return list(zip(sides[:-1], signs, sides[1:], strict=True))
