@@ -151,10 +151,8 @@ class Plan:
         for key, parameter in self.fit.parameters.items():
             start, (low, high) = parameter.start[0], parameter.range
             beside = start + self.fit.method.difference * max(abs(start), (high - low) / 100)
-            for value in (
-                start,
-                min(beside, (start + high) / 2),
-            ):  # keys of whole numbers refuse one
+            # the second value is a fraction, which keys of whole numbers refuse
+            for value in (start, min(beside, (start + high) / 2)):
                 self._load({key: parameter.text(value)}, ("parameters", key))
         for i, data in enumerate(self.fit.data):
             config = self._load(data.set, ("data", i, "set")).config
