@@ -78,8 +78,9 @@ GOOD = "displacement [mm],force [N]\n"
         ("", ": the file is empty"),
         (GOOD + "1,2\n", ": expected a header line and at least two lines of numbers"),
         (GOOD + "1,2\n1\n", ": fewer than two rows have numbers for x and a curve"),
-        (GOOD + "1,2\n1,2,3\n", ":1: 2 headers for 3 columns of numbers; a header with a comma or "
-         "a blank in it needs quotes, numbers with decimal commas another delimiter"),
+        (GOOD + "1,2\n1,2,3\n", ":1: 2 headers for 3 columns of numbers; put headers that contain "
+         "a comma or a blank in quotes, and separate numbers with decimal commas by another "
+         "delimiter"),
         (GOOD + "1,2\n1,x\n1,3\n", ":3: force [N]: 'x' is no number"),
         (GOOD + "1,nan\n1,2\n", ": fewer than two rows have numbers for x and a curve"),
         ("displacement,force [N]\n1,2\n3,4\n",
@@ -364,7 +365,7 @@ def test_means_over_the_plateaus_of_a_switched_voltage(tmp_path):
     found = chosen(tmp_path, text, x="voltage", plateaus={"of": "voltage", "settle": 0.75})
     assert found.columns["voltage_kV"] == pytest.approx([0, 1, 2, 1, 0], abs=1e-3)
     assert found.columns["displacement_mm"] == pytest.approx([0, -0.1, -0.4, -0.1, 0], abs=2e-4)
-    with pytest.raises(ConfigError, match="force_N rests on no plateaus of at least 3 rows"):
+    with pytest.raises(ConfigError, match="force_N has no plateaus of at least 3 rows"):
         chosen(tmp_path, RAMP, plateaus={"of": "force"})
 
 

@@ -11,9 +11,8 @@ import dealib
 from dealib.config import resolved
 from dealib.device.gmsh_model import gmsh_model
 from dealib.errors import ConfigError
-from dealib.plots import style, views
+from dealib.plots import contours, style, views
 from dealib.plots.animation import usual
-from dealib.plots.contours import contours
 from dealib.plots.curves import overview
 from dealib.plots.mesh import draw_mesh
 from dealib.plots.profiles import draw_profiles, film, lines
@@ -99,7 +98,7 @@ def test_the_field_in_a_tube_is_that_of_a_cylindrical_capacitor(tube):
 def test_a_tube_is_drawn_along_its_axis(tube):
     shape = Shape(tube)
     with style.theme() as look:
-        figure = contours(shape, quantity("S_ZZ", shape.kinematics), look)
+        figure = views.draw_field(shape, quantity("S_ZZ", shape.kinematics), look)
         assert titles(figure) == [
             "true scale", "straightened", "low end, true scale", "high end, true scale"
         ]  # fmt: skip
@@ -134,7 +133,7 @@ def test_a_membrane_on_a_line_is_drawn_with_its_thickness(membrane):
     charge = ((ring[1:] + ring[:-1]) / 2 * ds).sum()
     assert abs(charge) == pytest.approx(membrane.history["charge_uC"].iloc[-1], rel=1e-2)
     with style.theme() as look:
-        figure = contours(shape, quantity("E", shape.kinematics), look)
+        figure = views.draw_field(shape, quantity("E", shape.kinematics), look)
         assert titles(figure)[1:] == [
             "straightened",
             "inner end, true scale",
@@ -148,7 +147,7 @@ def test_a_disc_has_one_end(tmp_path):
     run = simulated(changed(config("disc"), chambers=chamber, program=program), tmp_path)
     shape = Shape(run)
     with style.theme() as look:
-        figure = contours(shape, quantity("E", shape.kinematics), look)
+        figure = views.draw_field(shape, quantity("E", shape.kinematics), look)
         assert titles(figure)[-1] == "outer end, true scale"
         assert len(titles(figure)) == 3
         assert titles(draw_profiles(shape, [SURFACE_CHARGE])) == ["along film", "outer end"]
@@ -207,7 +206,9 @@ def test_a_mesh_of_ones_own_is_drawn_whole(tmp_path):
     run = simulated(changed(given, **sections), tmp_path)
     shape = Shape(run)
     with style.theme() as look:
-        assert titles(contours(shape, quantity("E", shape.kinematics), look)) == ["true scale"]
+        assert titles(views.draw_field(shape, quantity("E", shape.kinematics), look)) == [
+            "true scale"
+        ]
     with pytest.raises(ConfigError, match="profiles run along the layers of a laminate"):
         draw_profiles(shape, [SURFACE_CHARGE])
     with pytest.raises(
@@ -232,7 +233,7 @@ def test_a_plate_in_space_is_mirrored_with_the_signs_of_its_components(plate):
         odd = {"E": [1, 1, 1, 1], "u_X": [1, -1, 1, -1], "S_XY": [1, -1, -1, 1]}[name]
         assert [s * signs[0] for s in signs] == odd
     with pytest.raises(ValueError, match="contours are drawn of devices in a plane"):
-        contours(shape, quantity("E", shape.kinematics), style.LIGHT)
+        contours.fill(None, shape, quantity("E", shape.kinematics), style.LIGHT)
     with pytest.raises(
         ValueError, match="only laminates in a plane have fields along their layers"
     ):

@@ -17,7 +17,7 @@ from dealib.cli.app import app
 from dealib.device.kinematics import AXISYMMETRIC
 from dealib.errors import ConfigError, DealibError, PlatformError
 from dealib.plots import animation, render, style, views
-from dealib.plots.contours import contours, magnification, scale
+from dealib.plots.contours import magnification, scale
 from dealib.plots.curves import curves, overview
 from dealib.plots.labels import label
 from dealib.plots.limits import BEYOND
@@ -303,7 +303,7 @@ def test_quantities_are_drawn_only_where_they_say_something(shape):
 
 def test_contours_show_whole_and_both_ends(shape):
     with style.theme() as look:
-        figure = contours(shape, quantity("S_RR", AXISYMMETRIC), look)
+        figure = views.draw_field(shape, quantity("S_RR", AXISYMMETRIC), look)
         titles = [a.get_title(loc="left") for a in figure.axes[:4]]
         assert figure.axes[4].get_ylabel() == "Second Piola-Kirchhoff stress S$_{RR}$ (MPa)"
         straight, inner = figure.axes[1:3]

@@ -159,13 +159,13 @@ def test_read_right(tmp_path, name):
 
 TWO_TABLES = "{} tables (1: lines {}; 2: lines {}): choose with format.table"
 HEADERS = (
-    "{}: {} headers for {} columns of numbers; a header with a comma or a blank in it needs "
-    "quotes, numbers with decimal commas another delimiter"
+    "{}: {} headers for {} columns of numbers; put headers that contain a comma or a "
+    "blank in quotes, and separate numbers with decimal commas by another delimiter"
 )
 
 COMMAS = (
-    ":1: the commas of '{}' may part columns, or some of them mark decimals or thousands; say "
-    "which with format.decimal '.', or add a line of headers"
+    ":1: the commas of '{}' may separate columns, decimals or thousands; if all of them separate "
+    "columns, set format.decimal to '.', otherwise add a line of headers"
 )
 
 REFUSED = {
@@ -232,8 +232,7 @@ REFUSED = {
     "LabVIEW's binary": (b"TDSm\x0e\0\0\0", ": a TDMS file of LabVIEW: save it as LVM or as text"),
     "binary": (
         bytes(range(256)),
-        ": a binary file; read are text, spreadsheets (XLSX, XLS, ODS) and MAT "
-        "files: export it as one of these",
+        ": a binary file; export it as text, as a spreadsheet (XLSX, XLS, ODS) or as a MAT file",
     ),
     "a damaged spreadsheet": (
         b"PK\x03\x04junk",
@@ -267,7 +266,9 @@ def test_what_is_chosen_resolves_what_is_refused(tmp_path):
     (tmp_path / "data.csv").write_bytes(cyrillic)
     found = read(tmp_path / "data.csv", Format(encoding="cp1251"))
     assert found.columns[0].name == "Сила"
-    with pytest.raises(ConfigError, match="unknown encoding 'utf-99', such as utf-8 or cp1252"):
+    with pytest.raises(
+        ConfigError, match="unknown encoding 'utf-99'; known are, for example, utf-8"
+    ):
         read(tmp_path / "data.csv", Format(encoding="utf-99"))
 
 

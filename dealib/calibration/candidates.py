@@ -1,4 +1,4 @@
-"""What may describe a material: a law, branches, softening; their parameters and where to start."""
+"""Candidate models of a material: a law with branches, softening and permanent set."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from dealib.materials.softening import Mullins, PermanentSet
 
 @dataclass(frozen=True)
 class Candidate:
-    """What may describe a material.
+    """A candidate model of a material.
 
     Attributes:
-        law: Its law.
-        terms: Of the law ogden; 0 of others.
+        law: The law.
+        terms: Number of terms of the law ogden; 0 for other laws.
         branches: Number of Maxwell branches.
-        evolution: Of the branches.
-        mullins: Whether it softens.
-        set: Whether it takes a permanent set.
-        unit: In which moduli are fitted.
+        evolution: Evolution equation of the branches, 'multiplicative' or 'network'.
+        mullins: Whether it has Mullins softening.
+        set: Whether it has a permanent set.
+        unit: Unit in which moduli are fitted, 'kPa' or 'MPa'.
     """
 
     law: type[Law]
@@ -42,7 +42,7 @@ class Candidate:
 
     @property
     def label(self) -> str:
-        """In words."""
+        """Its name for reports, such as 'ogden, 2 terms, 1 branch'."""
         parts = [self.law.name() + (f", {self.terms} terms" if self.terms > 1 else "")]
         if self.branches:
             parts.append("1 branch" if self.branches == 1 else f"{self.branches} branches")
@@ -94,7 +94,7 @@ class Candidate:
         return coupon.Material(self.law, law, self.evolution, branches, mullins, network)
 
     def fitted(self, values: Values) -> Law:
-        """The law with these parameters, whether or not a config would take it."""
+        """The law with these parameters, even if a config would refuse them."""
         p = vars(self.material(values).p)
         given: dict[str, Any] = {"law": self.law.name()}
         given |= {k: tuple(v) if isinstance(v, np.ndarray) else v for k, v in p.items()}

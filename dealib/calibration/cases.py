@@ -1,4 +1,4 @@
-"""Histories of cases: solved in parallel, and kept with those of studies."""
+"""Histories of cases, solved in parallel and kept in the same cache as those of studies."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _FIELDS = "none"
 
 @dataclass(frozen=True)
 class Wanted:
-    """What is wanted of a case besides its history.
+    """What a case computes besides its history.
 
     Attributes:
-        spectrum: Its spectrum, in place of the history.
-        slopes: Keys by whose logarithms derivatives of the history are wanted.
+        spectrum: A spectrum, in place of the history.
+        slopes: Keys with respect to whose logarithms the history is differentiated.
     """
 
     spectrum: Spectrum | None = None
@@ -36,17 +36,17 @@ class Wanted:
 
     @property
     def key(self) -> str:
-        """Tells what is kept of it."""
+        """Text that identifies this in the cache."""
         told = [_FIELDS, *(repr(x) for x in (self.spectrum, self.slopes) if x)]
         return ", ".join(told)
 
 
 class Cases:
-    """Solves cases; what is solved once is read from then on.
+    """Solves cases; a case that has been solved is read from the cache.
 
     Args:
-        cache: Where solved cases are.
-        pool: Who solves them.
+        cache: Cache of solved cases.
+        pool: Pool of processes that solve them.
     """
 
     def __init__(self, cache: Cache, pool: Pool) -> None:
@@ -55,10 +55,10 @@ class Cases:
     def histories(
         self, cases: Sequence[Case], wanted: Sequence[Wanted]
     ) -> list[History | NotConverged]:
-        """Histories of cases, or the spectra that are wanted of them, or why there is none.
+        """Histories of cases, or their spectra; `NotConverged` for those that do not converge.
 
         Raises:
-            ConfigError: If a case cannot be.
+            ConfigError: If a case is invalid.
             PlatformError: If a case failed in another way, or its process died.
         """
         keys = [key(case.config, of.key) for case, of in zip(cases, wanted, strict=True)]
@@ -77,7 +77,7 @@ class Cases:
         return [self._history(*one) for one in zip(keys, wanted, strict=True)]
 
     def slopes(self, case: Case, wanted: Wanted) -> dict[str, History]:
-        """Derivatives of a solved case's history by the logarithms of keys; of some or none."""
+        """Derivatives of a solved case's history by the logarithms of keys, as far as known."""
         return slopes.read(self.cache.run(key(case.config, wanted.key)).directory)
 
     def _history(self, known: str, wanted: Wanted) -> History | NotConverged:

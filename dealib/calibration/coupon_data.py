@@ -1,4 +1,4 @@
-"""The tests of a coupon fit: stress against stretch or time, and the path it belongs to."""
+"""The data of a coupon fit: stress over stretch or time, and the load path of each test."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from dealib.materials import coupon
 from dealib.units import convert
 
 STRETCH, STRESS, TIME = "stretch", "stress_MPa", "time_s"
-# what a file may have, and by what it is divided; elongation and displacement are the same
+# columns that a file may have, with the dimensions of the specimen by which they are divided
 _STRETCHES = {
     STRETCH: (),
     "strain": (),
@@ -34,23 +34,23 @@ _STRETCHES = {
 }
 _STRESSES = {STRESS: (), "true_stress_MPa": (), "force_N": ("width", "thickness")}
 Ints = npt.NDArray[np.intp]
-_LARGEST = 20.0  # stretch
-_CORNERS = 300  # most of a path that is read from a file
+_LARGEST = 20.0  # stretch above which data are refused
+_CORNERS = 300  # largest number of corners of a path that is read from a file
 
 
 @dataclass(frozen=True)
 class Specimen:
-    """A test that is ready to be compared with (see `search.Data`).
+    """A test that is ready for comparison (see `task.Data`).
 
     Attributes:
-        title: Shown name.
-        measured: Its data: stress against stretch, or time.
+        title: Name in reports.
+        measured: The data: stress over stretch or time.
         sigma: Standard deviation of both columns.
         weight: Factor on the residuals.
-        path: What was driven.
-        at: Number of the state of the path at which each point lies, as a real number (points,).
-        first: First state of the straight piece of the path that it belongs to (points,).
-        last: Last state of that piece (points,).
+        path: The load path.
+        at: Position of each point on the path, as a fractional number of a state, (points,).
+        first: First state of the straight piece of the path to which the point belongs, (points,).
+        last: Last state of that piece, (points,).
     """
 
     title: str
@@ -63,7 +63,7 @@ class Specimen:
     last: Ints
 
     def history(self, stress: Array) -> History:
-        """A computed test, (states,), as the history of a run."""
+        """A computed stress, (states,), as the history of a run."""
         return {TIME: self.path.time, STRETCH: self.path.stretch, STRESS: stress}
 
     def at_points(self, stress: Array) -> Array:
@@ -87,7 +87,7 @@ class Specimen:
         """See `Data`."""
         name, stress = self.measured.x, history[STRESS]
         x, y = self.measured.columns[name], self.measured.columns[STRESS]
-        slack = 0.01 * len(stress)  # of noise
+        slack = 0.01 * len(stress)  # noise may move a point beyond the end
         beyond = (self.at < self.first - slack) | (self.at > self.last + slack)
         branch = np.searchsorted(np.unique(self.first), self.first)
         return [Comparison(name, STRESS, x, y, self.at_points(stress), beyond, branch)]
@@ -100,7 +100,7 @@ class CouponPlan:
         path: The YAML file.
 
     Raises:
-        ConfigError: With what is wrong, and where.
+        ConfigError: If the file or its data are wrong; the message names the place.
     """
 
     def __init__(self, path: Path) -> None:
@@ -227,18 +227,18 @@ class CouponPlan:
 
 
 def turns(stretch: Array, sigma: float = 0.0) -> tuple[list[float], list[int]]:
-    """Stretches between which a test was driven, and the first row of the data after each turn.
+    """Stretches at which a test turned, and the first row of the data after each turn.
 
-    A turn is where lines through the five points before and after it meet: rows on either side of
-    it may be alike, and the largest of noisy values is too large.
+    A turn is the intersection of lines through the five points before and after it, since the
+    maximum of noisy values would be too large.
 
     Args:
         stretch: In the order of measurement.
         sigma: Standard deviation of its noise.
 
     Returns:
-        Stretches, beginning with 1, and rows, beginning with 0; one row less than pieces between
-        the stretches if the data begin with unloading.
+        Stretches, beginning with 1, and rows, beginning with 0. If the data begin with unloading,
+        there is one row less than there are pieces between the stretches.
     """
     pieces = branches(stretch, hold=False)
     found, rows = [1.0], [0]
@@ -268,12 +268,13 @@ def _driven(stretch: list[float], rate: float | None) -> tuple[list[float], list
 
 
 def polyline(t: Array, y: Array, sigma: float) -> tuple[list[float], list[float]]:
-    """Straight pieces through noisy points: corners by Ramer, Douglas and Peucker, then fitted.
+    """Corners of a polyline through noisy points, by Ramer, Douglas and Peucker, then fitted.
 
     Args:
-        t: Ascending abscissae.
-        y: Values.
-        sigma: Their standard deviation; what second differences say if it is larger.
+        t: Ascending abscissae, (points,).
+        y: Values, (points,).
+        sigma: Standard deviation of the values; the estimate from second differences is used if it
+            is larger.
     """
     rough = np.median(np.abs(np.diff(y, 2))) / 0.6745 / np.sqrt(6) if len(y) > 9 else 0.0
     noise = max(sigma, float(rough))
@@ -282,7 +283,7 @@ def polyline(t: Array, y: Array, sigma: float) -> tuple[list[float], list[float]
     while len(corners) > _CORNERS:
         tolerance *= 2
         corners = sorted({0, len(t) - 1, *_corners(t, y, tolerance)})
-    if noise > 0 and len(t) > 2 * len(corners):  # what bends by less than that is averaged
+    if noise > 0 and len(t) > 2 * len(corners):  # average the noise between the corners
         corners = sorted({*corners, *range(0, len(t), max(25, len(t) // _CORNERS))})
         knots = t[corners]
         y = make_lsq_spline(t, y, np.r_[knots[0], knots, knots[-1]], k=1)(t)

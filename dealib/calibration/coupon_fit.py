@@ -26,13 +26,13 @@ _TRIED = 2  # searches for each candidate, from its best starts
 
 @dataclass(frozen=True)
 class Tried:
-    """A candidate at its best.
+    """A fitted candidate.
 
     Attributes:
         candidate: The candidate.
-        found: What its search found.
+        found: Result of its search.
         stable: Stretch up to which the law is stable in all modes.
-        failed: Why it cannot be chosen; empty if it can.
+        failed: Reasons why it cannot be chosen; empty if it can.
     """
 
     candidate: Candidate
@@ -53,7 +53,7 @@ def criterion(found: Found, kind: str, points: float) -> float:
         kind: AICc or BIC.
         points: Number of independent points.
     """
-    n, k = found.points, len(found.estimates) + 1  # the size of the noise is one too
+    n, k = found.points, len(found.estimates) + 1  # the size of the noise is a parameter too
     likelihood = points * np.log(found.sum_of_squares / n)
     if kind == "BIC":
         return float(likelihood + k * np.log(n))
@@ -64,8 +64,8 @@ def run_coupon(plan: CouponPlan, progress: Callable[[str], None]) -> Fitted:
     """Fit the material.
 
     Args:
-        plan: What is fitted.
-        progress: Told each candidate in one line.
+        plan: The fit.
+        progress: Called with one line for each candidate.
 
     Raises:
         ConfigError: If no candidate can be fitted.
@@ -85,7 +85,7 @@ def run_coupon(plan: CouponPlan, progress: Callable[[str], None]) -> Fitted:
                 progress(f"{candidate.label:<48} {rmse:.4g} standard deviations")
         if not fits:
             raise ConfigError(f"{plan.source.path}: too few points for any of these laws")
-        # a branch too many, which a later stage takes away, speaks against no law
+        # laws are not judged by whether a branch too many is determined: a later stage removes it
         stable = [f for f in fits if f.stable >= use(plan)] or fits
         n = independent(fits)
         return min(stable, key=lambda f: criterion(f.found, method.criterion, n))
@@ -117,7 +117,7 @@ def ranked(fits: list[Tried], kind: str) -> list[Tried]:
 
 
 def independent(fits: list[Tried]) -> float:
-    """How many independent points the data are worth, by the residuals of the closest fit."""
+    """Effective number of independent points, from the residuals of the closest fit."""
     closest = min(fits, key=lambda f: f.found.sum_of_squares).found
     return sum(n.points for noise in closest.noise for n in noise)
 
@@ -147,7 +147,7 @@ def _fit(plan: CouponPlan, candidate: Candidate, near: Values) -> Tried | None:
 
 
 def use(plan: CouponPlan) -> float:
-    """Largest stretch at which the material is used."""
+    """Stretch up to which the law must be stable."""
     largest = max(float(s.path.stretch.max()) for s in plan.specimens)
     return plan.coupon.material.stretch_max or largest
 
@@ -158,7 +158,7 @@ def stability(candidate: Candidate, found: Found) -> float:
 
 
 def _fitted(plan: CouponPlan, fits: list[Tried], number: int) -> Fitted:
-    """The best fit once more, to the end and with its intervals, and all that is told of it."""
+    """The best candidate, fitted again to a smaller tolerance, with intervals and report."""
     best = fits[0]
     start = replace(best.found.task, intervals=plan.coupon.method.intervals, tolerance=1e-9)
     free = _in_order(best.candidate, start.free, best.found.values)

@@ -57,7 +57,7 @@ def material(plan: CouponPlan, candidate: Candidate, found: Found) -> Values:
 
 
 def complaint(values: Values) -> str:
-    """Why a config would not take a material; empty if it would."""
+    """Why a config would refuse a material; empty if it accepts it."""
     given = {k: v for k, v in values.items() if k != "relative_permittivity"}
     try:
         TypeAdapter(Material).validate_python(given)
@@ -67,7 +67,7 @@ def complaint(values: Values) -> str:
 
 
 def as_config(plan: CouponPlan, values: Values) -> str:
-    """A section that a config takes."""
+    """The material as a section of a config, in YAML."""
     head = [f"# Fitted by dealib calibrate to the tests of {plan.source.path.name}."]
     if "relative_permittivity" not in values:
         head.append("# A film also needs its relative_permittivity.")

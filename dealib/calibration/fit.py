@@ -1,4 +1,4 @@
-"""The fit of a config: its cases, solved in parallel, against measured curves."""
+"""The fit of a config to measured curves; its cases are solved in parallel."""
 
 from __future__ import annotations
 
@@ -24,9 +24,10 @@ def run_search(plan: Plan, cases: Cases, progress: Callable[[str], None]) -> Fit
     """Fit the parameters.
 
     Args:
-        plan: What is fitted.
+        plan: The fit.
         cases: Solver of cases.
-        progress: Told what the data hardly see, then each evaluation in one line.
+        progress: Called with lines of text: combinations of parameters that the data hardly
+            determine, then one line per evaluation.
 
     Raises:
         ConfigError: If the data do not fit the runs, or are fewer than the parameters.
@@ -81,7 +82,7 @@ def run_search(plan: Plan, cases: Cases, progress: Callable[[str], None]) -> Fit
 
 
 def _wanted(plan: Plan, index: int, case: Case, first: bool) -> Wanted:
-    """What is wanted of a case: slopes of the first set of values, where the search is."""
+    """What a case computes; derivatives only at the current point of the search (`first`)."""
     data = plan.fit.data[index]
     if data.spectrum:
         return Wanted((data.spectrum, data.stage))

@@ -16,13 +16,13 @@ FAILED = 1e3  # residual, in standard deviations, of a case that does not conver
 
 
 class Objective:
-    """Residuals in standard deviations, and their derivatives by what is searched for.
+    """Residuals in standard deviations, and their derivatives by the search variables.
 
     Attributes:
-        task: What is searched for.
-        progress: Told each evaluation in one line.
-        evaluations: How many there were.
-        names: Names that lmfit takes, by key.
+        task: Parameters and data of the search.
+        progress: Called with one line for each evaluation.
+        evaluations: Number of evaluations so far.
+        names: Names for lmfit, by key.
 
     Args:
         task: See above.
@@ -44,7 +44,7 @@ class Objective:
         return found
 
     def numbers(self, parameters: lmfit.Parameters) -> Array:
-        """What is searched for, as in `Free.inner`."""
+        """The search variables (see `Free.inner`), (parameters,)."""
         return np.array([parameters[name].value for name in self.names.values()])
 
     def values(self, numbers: Array) -> Values:
@@ -53,7 +53,7 @@ class Objective:
         return {key: free.outer(number) for (key, free), number in pairs}
 
     def residual(self, parameters: lmfit.Parameters) -> Array:
-        """Residuals of all points, in standard deviations (points,); told to `progress`."""
+        """Residuals of all points in standard deviations, (points,); reported to `progress`."""
         values = self.values(self.numbers(parameters))
         self.evaluations += 1
         residual = self.residuals([values])[0]
@@ -68,14 +68,15 @@ class Objective:
         return residual
 
     def varied(self, parameters: lmfit.Parameters) -> Array:
-        """Derivatives by those that lmfit varies."""
+        """Derivatives by the variables that lmfit varies."""
         vary = np.array([parameters[name].vary for name in self.names.values()])
         return self.jacobian(self.numbers(parameters), vary)
 
     def jacobian(self, numbers: Array, vary: Array | None = None) -> Array:
-        """Derivatives of the residuals, (points, parameters).
+        """Derivatives of the residuals, (points, parameters), by finite differences.
 
-        By differences: of histories with a parameter moved, which are solved, or told by slopes.
+        The history at a changed parameter is extrapolated by its derivative where the solver gives
+        one, and solved otherwise.
         """
         values = self.values(numbers)
         (here,) = self.task.solve([values])
@@ -100,7 +101,7 @@ class Objective:
     def _slopes(
         self, values: Values, here: list[History | NotConverged]
     ) -> dict[str, list[History]]:
-        """Derivatives of all series' histories by the logarithms of parameters, where all have."""
+        """Derivatives of the histories by the logarithms of parameters that all series have."""
         if self.task.slopes is None or any(isinstance(h, NotConverged) for h in here):
             return {}
         found, needed = self.task.slopes(values), [s.measured for s in self.task.series]
@@ -145,7 +146,7 @@ def _residual(series: Data, history: History | NotConverged) -> Array:
 
 
 def short(key: str, keys: Any) -> str:
-    """The end of a key that tells it from the others."""
+    """The shortest end of a key that distinguishes it from the others."""
     parts = key.split(".")
     for n in range(1, len(parts)):
         end = ".".join(parts[-n:])

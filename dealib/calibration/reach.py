@@ -1,4 +1,4 @@
-"""Data that lie outside what a run reaches: how many points, and what may be wrong with them."""
+"""Data outside the range of a run: how many points, and a hint at what may be wrong."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LEAST = 0.5  # share of the points that must lie inside
 
 
 def inside(comparison: Comparison) -> float:
-    """Share of the points that the run reaches."""
+    """Share of the points within the range of the run."""
     return 1 - float(np.mean(comparison.beyond))
 
 
@@ -23,7 +23,7 @@ def check_reach(series: Series, history: History) -> None:
     """Refuse data of which most points lie outside the run.
 
     Raises:
-        ConfigError: If so, with a hint at a change of the data that would put them inside.
+        ConfigError: If so; the message suggests a preparation that would bring them inside.
     """
     measured = series.measured
     x, reached = measured.columns[measured.x], history[measured.x]

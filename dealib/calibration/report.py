@@ -34,19 +34,19 @@ _STYLE = (
 
 @dataclass(frozen=True, repr=False)
 class Fitted:
-    """A fit and what is written of it.
+    """A fit and its report.
 
     Attributes:
-        name: Of the fit.
-        description: One line.
-        found: What the search found.
-        before: What the data hardly saw at the start.
-        notes: What else a reader must know.
+        name: Name of the fit.
+        description: Description in one line.
+        found: Result of the search.
+        before: Combinations of parameters that the data hardly determine at the start, in words.
+        notes: Further notes for the reader.
         tables: Further tables by heading.
         files: Texts of further files by name.
         draw: Draws the curves into a file.
-        material: Entry of a library, of a coupon fit.
-        directory: Where its report is, once it is written.
+        material: Entry for a library, of a coupon fit.
+        directory: Directory of the report, once it is written.
     """
 
     name: str
@@ -163,7 +163,7 @@ def quality(found: Found) -> Table:
 
 
 def remarks(fitted: Fitted) -> list[str]:
-    """What a reader must know about the numbers."""
+    """Remarks on the quality of the fit, for the report."""
     found = fitted.found
     said = [
         f"{found.points} data points, {found.evaluations} evaluations; reduced chi-square "

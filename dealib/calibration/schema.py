@@ -1,4 +1,4 @@
-"""The file that says what to fit to what."""
+"""The schema of a fit's file: a config, its free parameters, and the data."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from dealib.units import convert
 
 
 def _fault(amount: tuple[float, str], unit: str) -> str:
-    """Why an amount cannot be had in a unit; empty if it can."""
+    """Why an amount cannot be converted to a unit; empty if it can."""
     try:
         convert(amount, unit)
     except ValueError as error:
@@ -49,7 +49,7 @@ class Parameter(Section):
 
     @model_validator(mode="after")
     def _ordered(self) -> Parameter:
-        """Bounds and start in units of one kind; of three the odd one out is wrong."""
+        """Check that bounds and start have units of one kind; the error names the odd one out."""
         odd, kind = "start", self.min[1]
         if _fault(self.max, kind):
             odd, kind = ("min", self.unit) if not _fault(self.max, self.unit) else ("max", kind)
@@ -151,7 +151,8 @@ class Plan:
         for key, parameter in self.fit.parameters.items():
             start, (low, high) = parameter.start[0], parameter.range
             beside = start + self.fit.method.difference * max(abs(start), (high - low) / 100)
-            for value in (start, min(beside, (start + high) / 2)):  # where no whole number is
+            # the second value is a fraction, which keys of whole numbers refuse
+            for value in (start, min(beside, (start + high) / 2)):
                 self._load({key: parameter.text(value)}, ("parameters", key))
         for i, data in enumerate(self.fit.data):
             config = self._load(data.set, ("data", i, "set")).config

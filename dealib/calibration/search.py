@@ -1,4 +1,4 @@
-"""The least-squares search, and what the data leave open."""
+"""The least-squares search, its confidence intervals, and what the data do not determine."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from dealib.calibration.task import Data, Estimate, Found, Task
 from dealib.data.measured import Array
 from dealib.errors import NotConverged
 
-_NEAR = 1e-3  # of its range: a parameter is at its bound
-_BENT = 1.4  # sum of squares at an end of an interval over that of a parabola: it misleads
+_NEAR = 1e-3  # share of its range within which a parameter counts as at its bound
+_BENT = 1.4  # ratio of the sum of squares at an interval's end to its parabola that misleads
 
 
 def _minimizer(objective: Objective, tolerance: float, evaluations: int) -> Any:
@@ -36,8 +36,8 @@ def search(task: Task, progress: Callable[[str], None] = lambda line: None) -> F
     """Find the parameters.
 
     Args:
-        task: What is searched for.
-        progress: Told each evaluation in one line.
+        task: Parameters and data of the search.
+        progress: Called with one line for each evaluation.
     """
     objective = Objective(task, progress)
     minimizer = _minimizer(objective, task.tolerance, task.max_evaluations)
@@ -70,7 +70,7 @@ def search(task: Task, progress: Callable[[str], None] = lambda line: None) -> F
 
 
 def blind(task: Task) -> list[str]:
-    """What the data hardly see at the start of a search, for noise as it is assumed."""
+    """What the data hardly determine at the start (see `unseen`), for the assumed noise."""
     objective = Objective(task, lambda line: None)
     numbers = objective.numbers(objective.parameters())
     return unseen(task, objective.jacobian(numbers), numbers)
@@ -80,9 +80,9 @@ def unseen(task: Task, J: Array, numbers: Array) -> list[str]:
     """Combinations of parameters that are uncertain by more than 10 %, in words.
 
     Args:
-        task: What is searched for.
-        J: Derivatives of the residuals in units of their noise.
-        numbers: What is searched for, as in `Free.inner`.
+        task: Parameters and data of the search.
+        J: Derivatives of the residuals in units of their noise, (points, parameters).
+        numbers: Search variables (see `Free.inner`), (parameters,).
     """
     free = task.free.values()
     scale = np.array([f.scale(n) for f, n in zip(free, numbers, strict=True)])
@@ -151,9 +151,9 @@ def _estimates(
 def _bent(
     objective: Objective, numbers: Array, ends: Array, ranges: Array, J: Array, best: float
 ) -> Array:
-    """Whether at an end of a parameter's interval the sum of squares is far from its parabola.
+    """Whether the sum of squares at an interval's end is far from its quadratic approximation.
 
-    The other parameters follow as they would on the parabola.
+    The other parameters are moved to the minimum of the approximation.
     """
     steps, owners = [], []
     for i in range(len(numbers)):
@@ -174,20 +174,21 @@ def _bent(
 def _profile(
     objective: Objective, numbers: Array, index: int, end: float, J: Array, rise: float
 ) -> float:
-    """Where the sum of squares, the other parameters fitted again, has risen by an amount.
+    """End of a profile interval: where the sum of squares has risen by a given amount.
 
-    Its root is nearly straight there: a few secant steps from the linear end do.
+    The other parameters are fitted again. The square root of the rise is nearly linear, so that a
+    few secant steps from the end of the linear interval suffice.
 
     Args:
         objective: The residuals.
-        numbers: The best fit.
-        index: The parameter.
+        numbers: Search variables of the best fit, (parameters,).
+        index: Number of the parameter.
         end: End of its linear interval.
-        J: Derivatives at the best fit.
-        rise: The amount.
+        J: Derivatives at the best fit, (points, parameters).
+        rise: Amount by which the sum of squares has risen at the end.
 
     Returns:
-        The end; infinite if the sum of squares does not rise so far.
+        The end; infinite if the sum of squares does not rise that far.
     """
     ranges = np.array([free.range for free in objective.task.free.values()])
     name = list(objective.names.values())[index]

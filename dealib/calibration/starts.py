@@ -1,4 +1,4 @@
-"""Where the search for a candidate may start: moduli by linear least squares, the rest tried."""
+"""Start values of a candidate: moduli by linear least squares, other parameters by trial."""
 
 from __future__ import annotations
 
@@ -30,15 +30,16 @@ _OGDEN: dict[int, list[tuple[float, ...]]] = {
 def starts(
     candidate: Candidate, specimens: Sequence[Specimen], near: Values
 ) -> list[dict[str, Free]]:
-    """Where searches may start, the best first.
+    """Start values of searches, the best first.
 
-    Moduli enter linearly: they are eliminated, and the rest is searched for from several values
-    (variable projection; G. H. Golub, V. Pereyra, SIAM J. Numer. Anal. 10, 413-432, 1973).
+    The stress is linear in the moduli, so that these are eliminated. The other parameters are
+    searched for from several values (variable projection; G. H. Golub, V. Pereyra, SIAM J. Numer.
+    Anal. 10, 413-432, 1973).
 
     Args:
-        candidate: What is fitted.
+        candidate: The candidate to fit.
         specimens: The tests.
-        near: Parameters of similar candidates, such as relaxation times.
+        near: Parameters of a similar candidate, such as relaxation times.
     """
     found: list[tuple[float, dict[str, Free]]] = []
     for shapes, times in itertools.product(
@@ -55,7 +56,7 @@ def starts(
 
 
 def _shapes(candidate: Candidate, specimens: Sequence[Specimen]) -> Iterator[Values]:
-    """Values of the law's shapes: exponents, or limits beyond the largest stretch of the tests."""
+    """Values of the law's other parameters: exponents, or limits above the largest stretch."""
     if candidate.terms:
         for exponents in _OGDEN[candidate.terms]:
             yield {f"alpha.{k}": a for k, a in enumerate(exponents)}
@@ -66,8 +67,8 @@ def _shapes(candidate: Candidate, specimens: Sequence[Specimen]) -> Iterator[Val
 
 
 def limit(candidate: Candidate, name: str, specimens: Sequence[Specimen]) -> float:
-    """The value of a limit at which the law locks at the largest stretch of the tests."""
-    if not candidate.law.locks:  # no limit: around its example
+    """The value of a limit parameter at which the law locks at the largest stretch of the tests."""
+    if not candidate.law.locks:  # not a limit: start near the example of the schema
         return float((candidate.law.model_fields[name].examples or [1.0])[0]) / 10
     p = dict.fromkeys(candidate.moduli, 1.0)
     found = 1e-6
@@ -85,7 +86,7 @@ def limit(candidate: Candidate, name: str, specimens: Sequence[Specimen]) -> flo
 
 
 def _span(specimens: Sequence[Specimen]) -> tuple[float, float]:
-    """Shortest and longest times that the tests know of, s."""
+    """Shortest and longest times in the tests, s."""
     times = [s.path.time[np.isfinite(s.path.time)] for s in specimens]
     long = [float(t[-1]) for t in times if len(t) > 1]
     short = [

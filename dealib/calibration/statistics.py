@@ -1,7 +1,7 @@
-"""Statistics of fits: errors in x and y, correlated noise, what the data do not see.
+"""Statistics of fits: errors in x and y, correlated noise, undetermined parameters.
 
-Residuals r are in assumed standard deviations, J is their derivative by the parameters. A block is
-the points of one curve, in the order of measurement.
+Residuals r, (points,), are in assumed standard deviations; J, (points, parameters), is their
+derivative by the parameters. A block holds the points of one curve, in the order of measurement.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from scipy.signal import lfilter
 
 from dealib.data.measured import Array
 
-_SOLID = 1e-9  # singular values of J below this share of the largest are rounding
+_SOLID = 1e-9  # singular values of J below this share of the largest one are rounding
 
 
 def distances(curve: Array, x: Array, y: Array, sigma_x: float, sigma_y: float) -> Array:
     """Orthogonal distances of points to a curve, in standard deviations; positive below it.
 
-    Least squares of them are those of ((t - x)/sigma_x)^2 + ((f(t) - y)/sigma_y)^2 over t too.
+    Their squares are the minima of ((t - x)/sigma_x)^2 + ((f(t) - y)/sigma_y)^2 over t.
 
     Args:
-        curve: Points along the curve, (2, any), joined by straight lines; it goes on straight.
+        curve: Points of the curve, (2, any), joined by straight lines and continued straight.
         x: Measured abscissae, (points,).
         y: Measured values, (points,).
         sigma_x: Standard deviation of x.
@@ -52,12 +52,12 @@ def distances(curve: Array, x: Array, y: Array, sigma_x: float, sigma_y: float) 
 
 @dataclass(frozen=True)
 class Noise:
-    """What the residuals of one curve say about its noise.
+    """The noise of one curve, estimated from its residuals.
 
     Attributes:
         scale: Standard deviation over the assumed one.
-        correlation: Of neighbouring points, as AR(1); 0 if it is not significant.
-        points: How many independent points the curve is worth.
+        correlation: Correlation of neighbouring points as AR(1); 0 if it is not significant.
+        points: Effective number of independent points.
     """
 
     scale: float
@@ -70,10 +70,10 @@ class Uncertainty:
     """Uncertainty of the parameters.
 
     Attributes:
-        covariance: (parameters, parameters); infinite variance of what the data do not see.
-        freedom: Degrees of freedom of each parameter's variance (parameters,).
-        inflation: Its variance over that of white noise of the size assumed (parameters,).
-        noise: Of each curve.
+        covariance: Covariance, (parameters, parameters); infinite for undetermined parameters.
+        freedom: Degrees of freedom of each parameter's variance, (parameters,).
+        inflation: Variance over that for white noise of the assumed size, (parameters,).
+        noise: Noise of each curve.
     """
 
     covariance: Array
@@ -86,9 +86,14 @@ def uncertainty(J: Array, r: Array, blocks: Sequence[slice]) -> Uncertainty:
     """Covariance of least squares with noise of its own size and correlation in each curve.
 
     It is A (sum_k s_k^2 J_k^T R_k J_k) A with A = (J^T J)^-1 and the AR(1) correlation R_k; for one
-    curve of white noise that is the usual s^2 A. Both are found from the residuals without bias by
-    the fitted parameters: E[r r^T] = s^2 M R M with M = 1 - J A J^T. Degrees of freedom are
-    Satterthwaite's.
+    curve of white noise that is the usual s^2 A. Size s_k and correlation are estimated from the
+    residuals, corrected for the fitted parameters: E[r r^T] = s^2 M R M with M = 1 - J A J^T.
+    Degrees of freedom are Satterthwaite's.
+
+    Args:
+        J: Derivatives of the residuals, (points, parameters).
+        r: Residuals, (points,).
+        blocks: Rows of each curve.
     """
     A, unseen = _inverse(J)
     parts, noise, freedom = [], [], []
@@ -102,7 +107,7 @@ def uncertainty(J: Array, r: Array, blocks: Sequence[slice]) -> Uncertainty:
         parts.append(np.einsum("ij,jk,ki->i", A, scale2 * inner, A))
         used = float(np.trace(A @ J[block].T @ J[block]))
         own = max(worth - used, 1.0) if expected > 9 else float(total)
-        if rho > 0:  # whose own error, sqrt((1 - rho^2) / n), is one of the variance too
+        if rho > 0:  # the error of rho, sqrt((1 - rho^2) / n), adds to that of the variance
             own = 2 / (2 / own + 4 / ((1 - rho**2) * len(r[block])))
         freedom.append(max(own, 1.0))
     meat = sum(
@@ -119,7 +124,7 @@ def uncertainty(J: Array, r: Array, blocks: Sequence[slice]) -> Uncertainty:
 
 
 def _inverse(J: Array) -> tuple[Array, npt.NDArray[np.intp]]:
-    """(J^T J)^-1, pseudo where it does not exist, and which parameters the data do not see."""
+    """The inverse (or pseudoinverse) of J^T J, and the numbers of undetermined parameters."""
     size = np.linalg.norm(J, axis=0)
     size[size == 0] = 1.0
     _, s, V = np.linalg.svd(J / size, full_matrices=False)
@@ -139,9 +144,10 @@ def _correlated(J: Array, rho: float) -> Array:
 
 
 def _correlation(J: Array, r: Array, A: Array) -> tuple[float, Array, float]:
-    """Correlation of neighbours; J^T R J; the sum of squares that noise of size 1 would leave.
+    """Correlation of neighbours, J^T R J, and the expected sum of squares for noise of size 1.
 
-    It is that of the lag at which residuals are half alike: a smooth misfit is no AR(1) at lag 1.
+    The correlation is taken from the lag at which it falls to a half, because at lag 1 a smooth
+    misfit does not look like AR(1) noise.
     """
     n, Q, lag, size = len(r), J @ A, 1, max(float(r @ r), 1e-300)
     while (found := float(r[:-lag] @ r[lag:]) / size) > 0.5 and lag < n // 4:
@@ -165,7 +171,7 @@ def _correlation(J: Array, r: Array, A: Array) -> tuple[float, Array, float]:
     white = moments(0.0)
     if n < 8 or white[1] < 4 or -excess(0.0) * np.sqrt(n) < 1.28:  # not significant at 10 %
         return 0.0, white[2], white[1]
-    least = float(np.sum(Q * J)) + 3  # a curve is worth more than the parameters that it gives
+    least = float(np.sum(Q * J)) + 3  # least effective points: more than the parameters it gives
     top = max((n - least) / (n + least), 0.0)
     rho = top if excess(top) < 0 else float(brentq(excess, 0.0, top, xtol=1e-4))
     _, squares, B = moments(rho)
@@ -173,15 +179,15 @@ def _correlation(J: Array, r: Array, A: Array) -> tuple[float, Array, float]:
 
 
 def directions(J: Array, scale: Array) -> list[tuple[float, Array]]:
-    """Combinations of parameters from the least to the best seen.
+    """Combinations of parameters, from the least to the best determined one.
 
     Args:
-        J: Residuals' derivatives, (points, parameters).
-        scale: What counts as a change by 1 of each parameter.
+        J: Derivatives of the residuals, (points, parameters).
+        scale: Change of each parameter that counts as 1, (parameters,).
 
     Returns:
-        The standard error of each combination for noise of size 1, infinite if it is not seen, and
-        the combination: changes of the parameters in their scales, the largest being 1.
+        For each combination its standard error for noise of size 1 (infinite if undetermined), and
+        the changes of the parameters in their scales, (parameters,), the largest being 1.
     """
     _, s, V = np.linalg.svd(J * scale, full_matrices=False)
     found = []

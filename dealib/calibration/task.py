@@ -1,4 +1,4 @@
-"""What a search is for and what it finds: parameters, data, estimates."""
+"""Input and result of a search: parameters, data, estimates."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Free:
         start: Where the search starts.
         low: Lower bound.
         high: Upper bound.
-        log: Search by its logarithm: it is positive.
+        log: Whether its logarithm is searched for; it must be positive.
     """
 
     unit: str
@@ -36,7 +36,7 @@ class Free:
     log: bool = False
 
     def inner(self, value: float) -> float:
-        """The number that is searched for."""
+        """The search variable: the value or its logarithm."""
         return float(np.log(value)) if self.log else value
 
     def outer(self, number: float) -> float:
@@ -45,13 +45,13 @@ class Free:
 
     @property
     def range(self) -> tuple[float, float]:
-        """Bounds of that number."""
+        """Bounds of the search variable."""
         if not self.log:
             return self.low, self.high
         return (-np.inf if self.low <= 0 else np.log(self.low)), float(np.log(self.high))
 
     def scale(self, number: float) -> float:
-        """What counts as a change of it by 100 %."""
+        """Change of the search variable that counts as 100 %."""
         low, high = self.range
         spread = (high - low) / 100 if np.isfinite(high - low) else 1e-3
         return 1.0 if self.log else max(abs(number), spread)
@@ -62,7 +62,7 @@ class Data(Protocol):
 
     @property
     def title(self) -> str:
-        """Shown name."""
+        """Name in reports."""
 
     @property
     def measured(self) -> Measured:
@@ -77,22 +77,22 @@ class Data(Protocol):
         """Factor on the residuals."""
 
     def residual(self, history: History) -> Array:
-        """(computed - measured) / sigma of all points of all curves."""
+        """(computed - measured) / sigma of all points of all curves, (points,)."""
 
     def against(self, history: History) -> list[Comparison]:
-        """The curves against a history."""
+        """Comparisons of the curves with a history."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """Curves of one file that belong to a run (see `Data`).
+    """Curves of one file that are compared with a run (see `Data`).
 
     Attributes:
-        title: Shown name.
+        title: Name in reports.
         measured: The data.
         sigma: Standard deviation of each column.
         weight: Factor on the residuals.
-        stage: Part of the run that they belong to; None: all of it.
+        stage: Stage of the run with which they are compared; None for the whole run.
     """
 
     title: str
@@ -115,25 +115,26 @@ class Series:
 
     def against(self, history: History) -> list[Comparison]:
         """See `Data`."""
-        # beyond the run's end its curve goes on straight: the number of points must not change
+        # extrapolated, because the number of residuals must not change during the search
         return compare(history, self.measured, self.stage, extrapolate=True)
 
 
 @dataclass(frozen=True)
 class Task:
-    """What is searched for.
+    """Parameters, data and settings of a search.
 
     Attributes:
         free: Parameters by name.
         series: The data.
-        solve: Histories of all series at each set of values; the first is where the search is.
+        solve: Function that returns the histories of all series at each set of values; the first
+            set is the current point of the search.
         difference: Relative step of the finite differences.
-        tolerance: Relative, on sum of squares and parameters.
-        max_evaluations: Most evaluations of the residuals.
+        tolerance: Relative tolerance on sum of squares and parameters.
+        max_evaluations: Largest number of evaluations of the residuals.
         confidence: Level of the intervals.
-        intervals: How they are found; auto: by the profile where the linear ones mislead.
-        slopes: Of the first set that was solved last, derivatives of each series' history by the
-            logarithms of parameters; those that lack are found by differences.
+        intervals: Method of the intervals; auto takes the profile where linear ones mislead.
+        slopes: Function that returns, at the current point, derivatives of each series' history by
+            the logarithms of parameters. Missing ones are found by differences.
     """
 
     free: dict[str, Free]
@@ -152,15 +153,15 @@ class Estimate:
     """A fitted parameter.
 
     Attributes:
-        key: Its name: the dotted key of the config.
-        unit: Its unit.
+        key: Dotted key of the config.
+        unit: Unit.
         value: Best value.
         error: Standard error; NaN if it cannot be estimated.
         low: Lower end of the confidence interval.
-        high: Upper end.
-        bound: Whether it is at its bound.
-        open: Whether the interval is all of its range.
-        bent: Whether a linear interval is shown that misleads.
+        high: Upper end of the confidence interval.
+        bound: Whether the value is at its bound.
+        open: Whether the interval covers the whole range.
+        bent: Whether the interval is a linear one that misleads.
     """
 
     key: str
@@ -176,20 +177,20 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Found:
-    """What a search found.
+    """The result of a search.
 
     Attributes:
-        task: What was searched for.
+        task: The task.
         estimates: The parameters.
-        correlation: Correlation matrix of the parameters.
-        comparisons: Measured curves against the best run, by series.
-        noise: Of each of these curves, likewise.
-        sum_of_squares: Of all residuals.
+        correlation: Correlation matrix, (parameters, parameters).
+        comparisons: Comparisons of the measured curves with the best run, by series.
+        noise: Noise of these curves, by series.
+        sum_of_squares: Sum of squares of all residuals.
         points: Number of data points.
-        evaluations: Evaluations of all residuals.
-        unseen: Combinations of parameters that the data hardly see, in words.
-        converged: Whether the search came to its end.
-        message: How it ended.
+        evaluations: Number of evaluations of the residuals.
+        unseen: Combinations of parameters that the data hardly determine, in words.
+        converged: Whether the search converged.
+        message: The optimiser's message on how it ended.
     """
 
     task: Task
@@ -211,5 +212,5 @@ class Found:
 
     @property
     def reduced_chi2(self) -> float:
-        """Sum of squares over the degrees of freedom; 1 if noise as assumed explains it."""
+        """Sum of squares over the degrees of freedom; about 1 if the noise is as assumed."""
         return self.sum_of_squares / max(self.points - len(self.estimates), 1)

@@ -37,11 +37,11 @@ def read_book(path: Path, data: bytes, wanted: Format) -> Table | None:
 
     Args:
         path: The file, for messages.
-        data: Its content.
+        data: Content of the file.
         wanted: Sheet or variable, and number of the table.
 
     Raises:
-        ConfigError: If it is damaged, or holds no table or several.
+        ConfigError: If the file is damaged, or has no table or several.
     """
     for mark, what in _OTHERS.items():
         if data.startswith(mark):
@@ -85,7 +85,7 @@ def _spreadsheet(path: Path, data: bytes, wanted: Format) -> Table:
 
 
 def _flags(rows: list[list[Any]]) -> tuple[Any, Any]:
-    """Which rows of a sheet are numbers, and which end a table."""
+    """Which rows of a sheet contain numbers, and which rows end a table."""
     numbers = np.array(
         [sum(isinstance(c, float) for c in r) > 1 or is_row(_texts(r)) for r in rows], dtype=bool
     )
@@ -133,7 +133,7 @@ def _sheet(
 
 
 def _percentages(data: bytes, sheet: str, above: list[list[str]], row: int) -> list[int]:
-    """Columns in percent whose cells show 12 % for 0.12."""
+    """Numbers of the columns in percent whose cells hold 0.12 and are displayed as 12 %."""
     columns = [i for texts in above for i, text in enumerate(texts) if "%" in text]
     if not columns or not data.startswith(_ZIP):
         return []
@@ -159,7 +159,7 @@ def _plain(cell: Any) -> Any:
 
 
 def _mat(path: Path, wanted: Format) -> Table:
-    # in a process of its own: scipy crashes on some damaged files
+    # in another process, because scipy crashes on some damaged files
     command = [sys.executable, "-m", "dealib.data.matfile", str(path)]
     done = subprocess.run(command, capture_output=True, check=False)
     if done.returncode:

@@ -1,4 +1,4 @@
-"""Branches of a curve: where its abscissa turns, and where it only trembles."""
+"""Branches of a curve: pieces between the turning points of its abscissa, despite noise."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-_TURN = 0.05  # of the range of x: a retreat by less is no new branch
-_MOST = 0.45  # of the range: a retreat by more always is
-_LOOKED_AT = 20_000  # blocks of which only the extremes are looked at
+_TURN = 0.05  # share of the range of x: moving back by less begins no new branch
+_MOST = 0.45  # share of the range: moving back by more always begins one
+_LOOKED_AT = 20_000  # blocks of a long sequence, of which only the extremes are searched
 
 
 def noise(x: Array) -> float:
     """Standard deviation of the noise of a sequence, from the median of its second differences.
 
-    A slow change does not enter them, rare turns do not enter the median.
+    Second differences are free of slow changes, and the median of rare turns.
     """
     if len(x) < 8:
         return 0.0
@@ -24,9 +24,9 @@ def noise(x: Array) -> float:
 
 
 def least_turn(x: Array) -> float:
-    """Retreat of x beyond which a new branch begins.
+    """How far x must move back to begin a new branch.
 
-    The largest way between two of n values of normal noise is about 2 s sqrt(2 ln n).
+    The largest difference of n values with normal noise s is about 2 s sqrt(2 ln n).
     """
     reach = float(np.ptp(x))
     of_noise = noise(x) * (1 + 2 * np.sqrt(2 * np.log(max(len(x), 2))))
@@ -37,9 +37,9 @@ def branches(x: Array, hold: bool = True, turn: float | None = None) -> list[sli
     """Pieces of an abscissa between its turning points, each of at least one point.
 
     Args:
-        x: Abscissa, in the order of measurement.
-        hold: Points that rest at a turn end the branch before it, else they begin the next one.
-        turn: Least retreat that begins a new branch; default `least_turn`.
+        x: Abscissa in the order of measurement, (points,).
+        hold: Whether points that stay at a turn belong to the branch before it, not after it.
+        turn: How far x must move back to begin a new branch; default `least_turn`.
     """
     least = least_turn(x) if turn is None else turn
     turns, extreme, direction = [0], 0, 0.0
@@ -59,7 +59,7 @@ def branches(x: Array, hold: bool = True, turn: float | None = None) -> list[sli
 
 
 def _extremes(x: Array) -> npt.NDArray[np.int64]:
-    """Rows that can be turning points: all, or those that are least and largest in their block."""
+    """Rows that can be turning points: all, or the minima and maxima of blocks."""
     if len(x) <= 2 * _LOOKED_AT:
         return np.arange(len(x))
     size = len(x) // _LOOKED_AT

@@ -46,7 +46,7 @@ _LARGEST = 9.9e18  # instruments write 9.9E37, 9.99999E19, 1E38 for what they ca
 
 
 def kind(text: str) -> Kind:
-    """What a cell may be, whichever its decimal mark."""
+    """What a cell may contain, with either decimal mark."""
     text = text.strip()
     if _MISSING.fullmatch(text) or _OVERLOAD.fullmatch(text):
         return "missing"
@@ -59,14 +59,14 @@ def kind(text: str) -> Kind:
 
 
 class Ambiguous(ValueError):
-    """Two readings of one cell."""
+    """A cell can be read in two ways."""
 
 
 def decimal_mark(columns: Iterable[Sequence[str]]) -> str | None:
-    """The decimal mark of a table, told by all cells together; None if no cell has a mark.
+    """The decimal mark of a table, from all its cells; None if no cell has a mark.
 
     Args:
-        columns: Cells of each column, texts that are no numbers among them.
+        columns: Cells of each column, which may include text.
 
     Raises:
         Ambiguous: If cells such as 1.000 may be one or a thousand, or both marks are decimal.
@@ -109,15 +109,15 @@ def _plain(text: str) -> str:
 
 @dataclass(frozen=True)
 class Cells:
-    """A column's values and what was decided on them.
+    """The values of a column, and how its cells were read.
 
     Attributes:
-        values: Numbers (rows,), NaN where there is none.
+        values: Numbers, (rows,), NaN where there is none.
         empty: Number of empty cells.
         overload: Number of cells that say that the instrument was overloaded.
-        faults: Rows and texts of cells that are none of all this.
-        unit: Unit that the cells themselves have; empty if they have none.
-        note: What was decided; empty if nothing was.
+        faults: Rows and texts of cells that could not be read.
+        unit: Unit written in the cells; empty if there is none.
+        note: Note on how the cells were read; empty if there is none.
         text: Whether it is a column of text.
     """
 
@@ -131,15 +131,15 @@ class Cells:
 
 
 def convert(cells: pd.Series[Any], decimal: str, unit: str = "") -> Cells:
-    """Numbers of a column.
+    """Convert the cells of a column to numbers.
 
     Args:
-        cells: Numbers, or texts, or both.
+        cells: Numbers, texts, or both.
         decimal: The decimal mark.
-        unit: Unit of the header, such as mm:ss.
+        unit: Unit in the header, such as mm:ss.
 
     Raises:
-        Ambiguous: If times have two readings.
+        Ambiguous: If times can be read in two ways, or units of cells differ in kind.
     """
     import pandas as pd
 
@@ -182,7 +182,8 @@ def convert(cells: pd.Series[Any], decimal: str, unit: str = "") -> Cells:
     over = np.abs(values) >= _LARGEST
     values[over] = np.nan
     filled = int((~empty).sum())
-    words = len(faults) > filled / (2 if filled > len(cells) / 2 else 5)  # or notes beside the rows
+    # a column with few filled cells has notes on single rows
+    words = len(faults) > filled / (2 if filled > len(cells) / 2 else 5)
     counts = int(empty.sum()), int(over.sum())
     if units and (values[plain][np.isfinite(values[plain])] != 0).any():
         raise Ambiguous("some cells have a unit, others have none")
@@ -212,7 +213,7 @@ def _to(unit: str, wanted: str) -> float:
 
 
 def _times(given: npt.NDArray[np.object_], rows: npt.NDArray[np.intp], unit: str) -> Cells:
-    """Seconds of clock times or dates: a stop watch's as written, others from the first row."""
+    """Clock times or dates in seconds: of a stop watch as written, others since the first row."""
     parts, half, good = np.zeros((len(rows), 4)), np.zeros(len(rows), dtype=int), []
     faults, dates, known = [], [], dict[str, tuple[int | None, int | None]]()
     fields, dated = 3, bool(re.match(_DATE, str(given[rows[0]]).strip(' "')))
@@ -256,7 +257,7 @@ def _times(given: npt.NDArray[np.object_], rows: npt.NDArray[np.intp], unit: str
 
 
 def _days(a: str, by: str, b: str, c: str) -> tuple[int | None, int | None]:
-    """A date as days, by the order of day and month; None where there is no such date."""
+    """A date as a number of days, read as day/month and as month/day; None if invalid."""
     orders = [(c, b, a), (c, a, b)]  # 31/12/2024, 12/31/2024
     if len(a) == 4:
         orders = [(a, b, c)] * 2
@@ -275,7 +276,7 @@ def _days(a: str, by: str, b: str, c: str) -> tuple[int | None, int | None]:
 
 
 def _clock(parts: Array, half: npt.NDArray[np.int_], fields: int, unit: str) -> Array:
-    """Seconds of h:min:s, or of two fields, whose meaning the unit, or their size, tells."""
+    """Seconds of h:min:s, or of two fields, which the unit or their size identifies."""
     h, m, s, fraction = parts.T
     if fields == 3 or half.any():
         h = np.where(half > 0, h % 12 + 12 * (half > 1), h)

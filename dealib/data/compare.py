@@ -1,4 +1,4 @@
-"""How well a run's curve meets a measured one, branch by branch."""
+"""Comparison of a run's curve with a measured one, branch by branch."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class Comparison:
     Attributes:
         x_name: Column of the abscissa.
         y_name: Column of the curve.
-        x: Abscissae (points,).
-        measured: Measured values (points,).
-        computed: Computed values (points,); where the run does not reach, NaN or continued.
-        beyond: Whether it does not reach (points,).
-        branch: Number of the branch of each point, from 0 (points,).
-        curves: Abscissae and values of the run along each branch, with its turning point (2, any).
+        x: Abscissae, (points,).
+        measured: Measured values, (points,).
+        computed: Computed values, (points,); outside the run's range NaN or extrapolated.
+        beyond: Whether a point is outside the run's range, (points,).
+        branch: Number of the branch of each point, from 0, (points,).
+        curves: Abscissae and values of the run along each branch, (2, any).
     """
 
     x_name: str
@@ -86,15 +86,16 @@ def compare(
 ) -> list[Comparison]:
     """Compare each measured curve with that of a run.
 
-    Both abscissae are split where they turn. The first rising branch of the data is compared with
-    the run's first rising one, and so on; if the run has none of that direction left, with its
-    last one. Between its steps the run is interpolated by monotone cubics (PCHIP).
+    Both abscissae are split into branches where they turn. The first rising branch of the data is
+    compared with the first rising branch of the run, and so on. If the run has no further branch of
+    that direction, its last one is taken. Between its steps the run is interpolated by monotone
+    cubics (PCHIP).
 
     Args:
         history: Columns of a history, with `stage`.
         measured: The data.
-        stage: Take the run's rows of this stage only, with the row that it starts from.
-        extrapolate: Continue the run's curve straight where the data go beyond.
+        stage: Use only the run's rows of this stage, and the row before them.
+        extrapolate: Extrapolate the run's curve linearly.
 
     Raises:
         ConfigError: If the stage does not exist, or no point is inside the run's curve.
@@ -131,7 +132,7 @@ def compare(
 
 
 def remedy(name: str, x: Array, run_x: Array) -> str:
-    """What would bring points into the range of a run: a sign, a power of ten, a zero.
+    """A hint at a preparation that would bring the data into the range of the run.
 
     Args:
         name: Column of the abscissa.
@@ -147,10 +148,7 @@ def remedy(name: str, x: Array, run_x: Array) -> str:
 
 
 def brought_inside(x: Array, run_x: Array) -> tuple[str, Array, float]:
-    """The preparation that `remedy` names, what it makes of x, and the share that is then inside.
-
-    The first is empty if there is none.
-    """
+    """The preparation that `remedy` names ('' for none), the prepared x, and the share inside."""
     moved = {
         "sign: -1": -x,
         "zero: start": x - x[0],
@@ -176,7 +174,7 @@ def _rows(stages: Sequence[str], stage: str | None) -> list[int]:
 
 
 def _partners(x: Array, pieces: list[slice], run_x: Array, run: list[slice]) -> list[slice]:
-    """For each branch of the data the branch of the run that it is compared with."""
+    """For each branch of the data the branch of the run with which it is compared."""
     # neighbouring branches share their turning point
     run = [slice(max(p.start - 1, 0), p.stop) for p in run]
     found = []
@@ -196,8 +194,8 @@ def _direction(x: Array) -> float:
 def _ascending(x: Array, y: Array) -> tuple[Array, Array]:
     """The points of a branch at which it advances, in ascending order of x.
 
-    Where x rests at first, such as a voltage while the mount is loaded, the branch begins with the
-    last point of the rest.
+    If x is constant at first, as a voltage while the mount is loaded, the branch begins with the
+    last point before x changes.
     """
     way = _direction(x)
     moved = np.flatnonzero(np.abs(x - x[0]) > _slack(x))
@@ -232,5 +230,5 @@ def _beyond(run_x: Array, x: Array) -> tuple[npt.NDArray[np.bool_], npt.NDArray[
 
 
 def _slack(run_x: Array) -> float:
-    """What rounding may move a run's abscissa by."""
+    """Tolerance for rounding of the run's abscissa."""
     return 1e-9 * max(float(np.ptp(run_x)), 1e-300)

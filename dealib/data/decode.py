@@ -1,4 +1,4 @@
-"""The bytes of a text file as UTF-8 with one kind of minus, space and line end."""
+"""Conversion of a text file to UTF-8 with one kind of minus, space and line end."""
 
 from __future__ import annotations
 
@@ -47,12 +47,13 @@ def load(path: Path) -> bytes:
 
 
 def as_utf8(path: Path, data: bytes, encoding: str | None) -> tuple[bytes, list[str]]:
-    """Text as UTF-8, and what was decided on.
+    """Text as UTF-8, and notes on how it was read.
 
     Args:
         path: The file, for messages.
-        data: Its content.
-        encoding: As the user says; None: by its marks, its zero bytes, and what headers can say.
+        data: Content of the file.
+        encoding: The user's encoding; None to guess it from byte order marks, zero bytes and
+            characters that are likely in headers.
 
     Raises:
         ConfigError: If it is no text, or not in that encoding.
@@ -61,7 +62,9 @@ def as_utf8(path: Path, data: bytes, encoding: str | None) -> tuple[bytes, list[
     try:
         text = data.decode(name)
     except LookupError:
-        raise ConfigError(f"{path}: unknown encoding {name!r}, such as utf-8 or cp1252") from None
+        raise ConfigError(
+            f"{path}: unknown encoding {name!r}; known are, for example, utf-8 and cp1252"
+        ) from None
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not in {name}: {error.reason} at {error.start}") from None
     shown = {"utf-8-sig": "UTF-8", "cp1252": "Windows-1252 (Latin-1)"}.get(name, name.upper())
@@ -89,8 +92,8 @@ def _encoding(path: Path, data: bytes) -> str:
         return "utf-16-be" if zeros[0] > zeros[1] else "utf-16-le"
     if sum(zeros) or re.search(rb"[\x01-\x06\x0e-\x19]", head):
         raise ConfigError(
-            f"{path}: a binary file; read are text, spreadsheets (XLSX, XLS, ODS) and MAT files: "
-            "export it as one of these"
+            f"{path}: a binary file; export it as text, as a spreadsheet (XLSX, XLS, ODS) or as a "
+            "MAT file"
         )
     try:
         data.decode("utf-8")
@@ -101,7 +104,7 @@ def _encoding(path: Path, data: bytes) -> str:
 
 
 def _legacy(data: bytes) -> str:
-    """The old encoding in which headers make sense; else Windows-1252, Latin-1 with more."""
+    """The 8-bit or East Asian encoding in which headers are likely; else Windows-1252, Latin-1."""
     for name, likely in _LIKELY.items():
         try:
             text = data.decode("gb2312" if name == "gb18030" else name)

@@ -1,4 +1,4 @@
-"""What the header lines of single programs say that no table shows."""
+"""Header lines of particular instruments, from which units and times are taken."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ Rows = list[list[str]]
 
 @dataclass(frozen=True)
 class Hints:
-    """What the lines above a table say about it.
+    """Information in the lines above a table.
 
     Attributes:
-        delimiter: Between the columns; None if they do not say.
-        decimal: The decimal mark; None if they do not say.
-        channels: Of LabVIEW's LVM files the rows about channels, by their first word.
-        start: Number of lines at the top that are no table.
+        delimiter: Delimiter of the columns; None if unknown.
+        decimal: The decimal mark; None if unknown.
+        channels: Rows about channels in LabVIEW's LVM files, by their first word.
+        start: Number of lines at the top that do not belong to a table.
     """
 
     delimiter: str | None = None
@@ -32,7 +32,7 @@ class Hints:
     start: int = 0
 
     def applied(self, above: Rows, frame: pd.DataFrame) -> tuple[Rows, pd.DataFrame]:
-        """Header and cells with what the hints add: units, and times that are not written."""
+        """Header and cells, completed by units and by times that the file only implies."""
         if self.channels and above:
             return self._lvm(above[-1], frame)
         named = (
@@ -61,7 +61,7 @@ class Hints:
 
 
 def hints(lines: Sequence[str]) -> Hints:
-    """What the first lines of a file say."""
+    """The information in the first lines of a file."""
     if not lines or not lines[0].startswith("LabVIEW Measurement"):
         return Hints()
     by = next(

@@ -1,4 +1,4 @@
-"""Lines of a text: what parts their cells, which are rows of numbers, which make a table."""
+"""Lines of a text: their delimiter, which of them are rows of numbers, and which make a table."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ Ints = npt.NDArray[np.int64]
 
 DELIMITERS = {"\t": "tab", ";": "';'", "|": "'|'", ",": "','", " ": "blanks"}
 COMMENT = re.compile(r"\s*(?:#(?!N/A|DIV|VALUE|WERT|REF|NUM|NAME|NULL|ZAHL)|%|//|!|\*\*)+\s*")
-ABOVE = 200  # lines that are looked at for a header
-_HEAD = 3000  # lines that are looked at for the delimiter
-_PLAIN = np.zeros(256, dtype=bool)  # bytes of lines that need no look: numbers and what parts them
+ABOVE = 200  # lines that are searched for a header
+_HEAD = 3000  # lines from which the delimiter is found
+_PLAIN = np.zeros(256, dtype=bool)  # bytes of lines that hold only numbers and delimiters
 _PLAIN[list(b"0123456789+-.,;:/ \t\"'|eETZ\n")] = True
 _DIGITS = {bytes([c]) for c in b"0123456789+-.,"}
-_LARGE = 10  # a table with so many times the rows of all others is the one that is meant
+_LARGE = 10  # a table with this many times the rows of all others is taken
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def split(line: str, delimiter: str) -> list[str]:
 
 
 def find_delimiter(lines: Lines) -> str:
-    """The delimiter by which most lines are rows of numbers, and of nothing else."""
+    """The delimiter with which most lines are rows of numbers only."""
     head = [line for i in range(min(len(lines), _HEAD)) if (line := lines[i]).strip()]
     scores = {}
     for delimiter in DELIMITERS:
@@ -84,19 +84,19 @@ def find_delimiter(lines: Lines) -> str:
             if numbers > texts and len(kinds) > 1:
                 score += 0.5 if texts else 1
         scores[delimiter] = score
-    best = max(scores, key=lambda d: scores[d])  # of equal ones the first
+    best = max(scores, key=lambda d: scores[d])  # the first one of equals
     return best if scores[best] else ","
 
 
 def is_row(cells: Sequence[str]) -> bool:
-    """Whether cells are a row of a table: numbers, and not many texts beside them."""
+    """Whether cells are a row of a table: numbers, with at most few texts among them."""
     kinds = [kind(c) for c in cells]
     numbers, texts = sum(k in ("number", "time") for k in kinds), kinds.count("text")
     return (not texts and any(cells)) or (numbers > 1 and 2 * numbers >= texts)
 
 
 def find_rows(lines: Lines, delimiter: str) -> tuple[Flags, Flags, Flags]:
-    """Which lines are rows of numbers, end a table, or are rows that begin with a word (lines,)."""
+    """Which lines are rows of numbers, end a table, or are rows beginning with a word, (lines,)."""
     codes = np.frombuffer(lines.data, np.uint8)
     look = lines.having(~_PLAIN[codes]) > 0
     blank = np.diff(lines.starts) <= 1
@@ -108,7 +108,7 @@ def find_rows(lines: Lines, delimiter: str) -> tuple[Flags, Flags, Flags]:
     for i in np.flatnonzero(look).tolist():
         parts = lines.data[starts[i] : starts[i + 1]].split(by)
         if i > ABOVE and len(parts) == width and sum(p[:1] in _DIGITS for p in parts) > 1:
-            rows[i] = True  # like the one before, seen at a glance
+            rows[i] = True  # a quick test: it looks like the row before
             continue
         cells = split(lines[i], delimiter)
         if COMMENT.match(lines[i]):
@@ -124,17 +124,18 @@ def find_rows(lines: Lines, delimiter: str) -> tuple[Flags, Flags, Flags]:
 def choose(
     path: Path, rows: Flags, ends: Flags, wanted: int | None, words: Flags | None = None
 ) -> tuple[int, int, list[str]]:
-    """The lines of the table that is meant, from and to, and what else there is.
+    """First line of the chosen table, the line after it, and a note on other tables.
 
     Args:
         path: The file, for messages.
         rows: Lines that are rows of numbers.
         ends: Lines that end a table.
-        wanted: Number of the table; None: the one that is much larger than all others.
-        words: Rows that begin with a word, such as 'Gain;1;2': they only are a table if no others.
+        wanted: Number of the table; None for the one that is much larger than all others.
+        words: Rows that begin with a word, such as 'Gain;1;2'. They count as a table only if there
+            are no other rows.
 
     Raises:
-        ConfigError: If there is none, or it is not clear which.
+        ConfigError: If there is no table, or none is much larger than the others.
     """
     if words is not None and np.count_nonzero(rows & ~words) > 1:
         of = np.cumsum(ends)
@@ -166,7 +167,7 @@ def choose(
 
 
 def without_notes(lines: Lines, rows: Ints, delimiter: str) -> Ints:
-    """Rows without those at both ends that have words where their neighbours have numbers."""
+    """Rows without notes at both ends, which have words where their neighbours have numbers."""
 
     def noted(row: int, neighbour: int, first_only: bool) -> bool:
         cells = [split(lines[i], delimiter) for i in (row, neighbour)]

@@ -1,4 +1,4 @@
-"""All numbers of a MAT file, on standard output: run as a module, in a process of its own."""
+"""Writes all numbers of a MAT file to standard output; run as a module in another process."""
 
 from __future__ import annotations
 

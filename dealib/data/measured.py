@@ -29,10 +29,10 @@ class Measured:
 
     Attributes:
         path: The file.
-        x: Name of the column that is the abscissa.
-        columns: Values of each column (points,), x first; NaN where one but x has none.
-        account: How the file was read, what was taken and what was done to it, in one line.
-        turn: Least retreat of the abscissa that begins a new branch; None: by its noise.
+        x: Name of the abscissa's column.
+        columns: Values of each column, (points,), x first; NaN where a curve has no value.
+        account: How the file was read and prepared, in one line.
+        turn: How far the abscissa must move back to begin a new branch; None: by its noise.
     """
 
     path: Path
@@ -43,7 +43,7 @@ class Measured:
 
     @property
     def curves(self) -> list[str]:
-        """Names of the columns that are curves over the abscissa; times are none."""
+        """Names of the columns that are curves over the abscissa; a time is no curve."""
         return [name for name in self.columns if name not in (self.x, TIME)]
 
     @property
@@ -58,11 +58,11 @@ def measured(path: str | Path, history: Iterable[str], wanted: Selection | None 
     Args:
         path: The file.
         history: Columns of the history.
-        wanted: Which columns are taken, and what is done to them; default: all, by their headers,
-            such as 'force [mN]', of which those that the history does not know are errors.
+        wanted: Which columns are taken, and how they are prepared. By default all columns are
+            taken by their headers, such as 'force [mN]', and each must be known to the history.
 
     Raises:
-        ConfigError: If the file, a header or a value is not as it should be.
+        ConfigError: If the file, a header or a value is wrong.
     """
     path, wanted = Path(path), wanted or Selection(file=str(path))
     known = {split_unit(column)[0]: column for column in history}
@@ -141,7 +141,7 @@ def _taken(table: Table, known: dict[str, str], wanted: Selection) -> dict[str, 
 def _prepared(
     columns: Columns, x: str, known: dict[str, str], wanted: Selection
 ) -> tuple[Columns, float | None, list[str]]:
-    """Columns as the user wants them, the least turn of x, and what was done."""
+    """The prepared columns, how far x must move back for a new branch, and notes."""
 
     def named(quantity: str, key: str) -> str:
         name = known.get(quantity, "")
@@ -168,7 +168,7 @@ def _prepared(
 
 
 def _curves(path: Path, columns: Columns, x: str) -> Columns:
-    """The columns without rows that have no point."""
+    """The columns without rows that have no point of any curve."""
     curves = {n: v for n, v in columns.items() if n not in (x, TIME)}
     if not curves:
         raise ConfigError(f"{path}: a curve needs two columns, x and y, that are no times")

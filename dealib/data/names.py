@@ -1,4 +1,4 @@
-"""Headers of columns: the quantity and the unit in them, in whichever way they are written."""
+"""Headers of columns: the quantity and the unit in them, in all common notations."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ _NO_UNITS = {"min", "max", "step", "steps", "in"}  # words that end names of col
 _NONE = {"", "-", "--", "1", "[]", "none", "dimensionless", "n/a", "unitless", "./."}
 _CLOCK = re.compile(r"(hh?:)?(mm?|min):ss?([.,]\w+)?|hh?:(mm?|min)", re.IGNORECASE)
 _LABEL = re.compile(r"(long name|short name|units?|comments?|f\(x\)=?)[:=]?", re.IGNORECASE)
-_SPELT = {  # what laboratories write -> what units are called here
+_SPELT = {  # notation in data files -> notation of `dealib.units`
     "Âµ": "u", "µ": "u", "\u03bc": "u", "²": "^2", "³": "^3", "·": "*", "⋅": "*", "\u03a9": "ohm",
     "\u2126": "ohm", "Â°": "°", "℃": "°C", "−": "-", "⁻¹": "^-1",
 }  # fmt: skip
-# known whichever way their letters are cased: kv, MPA, Ohm
+# units that are also recognised with other capitals: kv, MPA, Ohm
 _UNCASED = re.findall(
     r"\S+",
     "nm um mm cm m us ms s min h mN N kN gf kgf lbf mg g kg Pa kPa MPa GPa N/mm N/m N/mm^2 mV V kV "
@@ -36,15 +36,15 @@ def split_unit(name: str) -> Header:
 
 
 def plain(name: str) -> str:
-    """A name in the manner of `history.csv`: 'Field max' -> field_max."""
+    """A name in the style of `history.csv`: 'Field max' -> field_max."""
     return re.sub(r"[\s_-]+", "_", name.strip()).lower()
 
 
 def parted(name: str) -> Header:
     """Name and unit of a header, as written: 'U / kV' -> U, kV; the unit is empty if there is none.
 
-    Units stand in brackets, of which the last one that is a unit counts, behind a slash, a comma
-    or 'in', or at the end, after a blank or an underscore.
+    A unit may stand in brackets (the last brackets that contain a unit count), after a slash, a
+    comma or 'in', or at the end after a blank or an underscore.
     """
     name = " ".join(name.replace('"', " ").split())
     brackets = [(b, next(g for g in b.groups() if g is not None)) for b in _BRACKETS.finditer(name)]
@@ -65,7 +65,7 @@ def parted(name: str) -> Header:
 
 
 def _ends(text: str) -> bool:
-    """Whether the end of a header is a unit though no bracket says so."""
+    """Whether the end of a header, which has no brackets, is a unit."""
     return (
         text not in _NO_UNITS
         and not re.search(r"[][(){}]", text)
@@ -75,7 +75,7 @@ def _ends(text: str) -> bool:
 
 
 def spelt(unit: str) -> str:
-    """A unit in letters that `dealib.units` knows: 'N/mm²' -> N/mm^2; empty for '[-]'."""
+    """A unit in the notation of `dealib.units`: 'N/mm²' -> N/mm^2; empty for '[-]'."""
     unit = unit.strip().strip("[](){}<>").strip()
     for written, meant in _SPELT.items():
         unit = unit.replace(written, meant)
@@ -94,7 +94,7 @@ def is_unit(text: str) -> bool:
 
 
 def _readings(unit: str) -> list[str]:
-    """What a unit may mean, its case as written first."""
+    """Units that a text may mean, first with its capitals as written."""
     return [unit, *(u for u in _UNCASED if u.casefold() == unit.casefold() and u != unit)]
 
 
@@ -110,10 +110,10 @@ def _is_known(unit: str) -> bool:
 def scale(header: Header, unit: str) -> float:
     """Factor from the unit of a header to another one.
 
-    Where a header is in capitals, its unit may be: 'TIME [S]', 'FORCE [N]'.
+    In a header in capitals the unit may be in capitals too: 'TIME [S]', 'FORCE [N]'.
 
     Raises:
-        ValueError: If there is none, it is of another kind, or may be two: 'FORCE [MN]'.
+        ValueError: If the unit is missing, of another kind, or ambiguous as in 'FORCE [MN]'.
     """
     given = spelt(header[1])
     factors, fault = {}, ValueError()
@@ -132,9 +132,10 @@ def scale(header: Header, unit: str) -> float:
 def headers(rows: Sequence[Sequence[str]], columns: int) -> list[Header]:
     """Names and units of columns from the rows of text above them.
 
-    Of the rows, the units' is the lowest that is all units under a row of names; without one the
-    lowest row has the names, each with its unit. Other rows tell columns of one name apart, such
-    as the names of curves side by side. What has no name is 'column 3'.
+    The row of units is the lowest row that contains only units and stands under a row of names. If
+    there is none, the lowest row has the names, each with its unit. Further rows distinguish
+    columns of equal names, such as those of curves side by side. A column without a name is called
+    'column 3', for example.
     """
     table = [[*(c.strip() for c in row), *[""] * columns][:columns] for row in rows]
     table = [["" if _LABEL.fullmatch(row[0]) else row[0], *row[1:]] for row in table if any(row)]

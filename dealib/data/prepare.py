@@ -16,22 +16,22 @@ Array = npt.NDArray[np.float64]
 Columns = dict[str, Array]
 
 _WINDOW = 11  # rows of the running median
-_FLOOR = 1e-3  # of the range: a smaller deviation is no outlier
-_LEAST = 3  # rows of a plateau
+_FLOOR = 1e-3  # share of the range: lower bound of the standard deviation
+_LEAST = 3  # least number of rows of a plateau
 
 
 def prepare(columns: Columns, wanted: Mapping[str, Preparation]) -> tuple[Columns, list[str]]:
     """Prepare columns one by one, then leave out the rows that are outside a range.
 
     Args:
-        columns: Values by column of the history (rows,), NaN where there is none.
-        wanted: What is done, by column.
+        columns: Values by column of the history, (rows,), NaN where there is none.
+        wanted: Preparation by column.
 
     Returns:
-        The columns, and what was done.
+        The columns, and notes on what was done.
 
     Raises:
-        ValueError: If units do not fit, or a shift has no times to go by.
+        ValueError: If units do not fit, or a shift is given but there is no column of times.
     """
     found, notes = dict(columns), []
     kept = np.ones(len(next(iter(columns.values()))), dtype=bool)
@@ -67,15 +67,15 @@ def prepare(columns: Columns, wanted: Mapping[str, Preparation]) -> tuple[Column
 
 
 def without_outliers(values: Array, limit: float) -> tuple[Array, int]:
-    """Values with NaN for those far from the running median (Hampel), and how many they are."""
+    """Values with NaN for outliers from the running median (Hampel), and the number of outliers."""
     import pandas as pd
 
     half = _WINDOW // 2
-    ends = np.pad(values, half, mode="reflect", reflect_type="odd")  # goes on as it came
+    ends = np.pad(values, half, mode="reflect", reflect_type="odd")  # continues the slope
     running = pd.Series(ends).rolling(_WINDOW, center=True, min_periods=half).median()
     away = np.abs(values - running.to_numpy(float)[half:-half])
     good = values[np.isfinite(values)]
-    of_median = 1.4826 * float(np.nanmedian(away))  # too small alone: many are their own median
+    of_median = 1.4826 * float(np.nanmedian(away))  # too small: many values are their own median
     sigma = max(of_median, noise(good), _FLOOR * float(np.ptp(good)))
     far = away > limit * sigma
     return np.where(far, np.nan, values), int(far.sum())
@@ -98,7 +98,7 @@ def smoothed(values: Array, window: int) -> Array:
 
 
 def shifted(time: Array | None, values: Array, shift: float) -> Array:
-    """Values as they were a while before; NaN where they were not measured.
+    """Values moved to later times by a shift (s); NaN where they were not measured.
 
     Raises:
         ValueError: If there are no times, or they do not increase.
@@ -115,7 +115,7 @@ def averaged(columns: Columns, over: str, wanted: Plateaus) -> tuple[Columns, li
     A plateau ends where the column jumps by more than its noise and 5 % of its range.
 
     Raises:
-        ValueError: If the column does not rest on plateaus.
+        ValueError: If the column has no plateaus.
     """
     switched = columns[over]
     good = np.isfinite(switched)
@@ -125,7 +125,7 @@ def averaged(columns: Columns, over: str, wanted: Plateaus) -> tuple[Columns, li
     starts = np.flatnonzero(np.abs(np.diff(level, prepend=np.nan)) > jump)
     pieces = [p for p in np.split(rows, starts) if len(p) >= _LEAST]
     if len(pieces) < 2 or max(np.ptp(switched[p]) for p in pieces) > max(2 * jump, 0.5 * reach):
-        raise ValueError(f"{over} rests on no plateaus of at least {_LEAST} rows")
+        raise ValueError(f"{over} has no plateaus of at least {_LEAST} rows")
     late = [p[int(wanted.settle * len(p)) :] for p in pieces]
     means = {n: np.array([_mean(values[p]) for p in late]) for n, values in columns.items()}
     return means, [f"means over {len(pieces)} plateaus of {over}"]
@@ -134,7 +134,7 @@ def averaged(columns: Columns, over: str, wanted: Plateaus) -> tuple[Columns, li
 def resampled(
     columns: Columns, x: str, points: int, turn: float | None
 ) -> tuple[Columns, list[str]]:
-    """Means of rows that follow each other on one branch of x, at most so many in all."""
+    """Means of consecutive rows on each branch of x, about `points` rows in all."""
     total = len(columns[x])
     if total <= points:
         return columns, []

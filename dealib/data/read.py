@@ -1,4 +1,4 @@
-"""Read a laboratory's data file, whichever program wrote it."""
+"""Reading of data files of laboratory software, plot digitisers and spreadsheets."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from dealib.data.table import Table
 def read(path: str | Path, wanted: Format | None = None) -> Table:
     """Read the table of a text file, a spreadsheet (XLSX, XLS, ODS) or a MAT file.
 
-    Encoding, delimiter, decimal mark, header and units are told by the file itself, by all its
-    rows together; `Table.account` says what was decided.
+    Encoding, delimiter, decimal mark, header and units are recognised from all rows of the file;
+    `Table.account` says how it was read.
 
     Args:
         path: The file.
-        wanted: What it does not tell.
+        wanted: Settings for what the file does not determine.
 
     Raises:
-        ConfigError: If it is none of these, is damaged, or has two readings.
+        ConfigError: If it is none of these, is damaged, or can be read in two ways.
     """
     path, wanted = Path(path), wanted or Format()
     data = load(path)

@@ -1,4 +1,4 @@
-"""A table of named columns with units, and an account of how it was read."""
+"""A table of named columns with units, and notes on how it was read."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class Column:
     """A column of numbers.
 
     Attributes:
-        name: What the header says, without the unit.
+        name: The header without the unit.
         unit: The unit as written; empty if there is none.
-        values: Numbers (rows,), NaN where the cell has none.
+        values: Numbers, (rows,), NaN where a cell has none.
         empty: Number of empty cells.
         overload: Number of cells that say that the instrument was overloaded.
     """
@@ -45,7 +45,7 @@ class Column:
         return f"{self.name} [{self.unit}]" if self.unit else self.name
 
     def in_unit(self, unit: str) -> Array:
-        """The values in a unit; an empty unit is that of plain numbers.
+        """The values in a unit, (rows,); the empty unit is for dimensionless numbers.
 
         Raises:
             ValueError: If the column has no unit, or one of another kind.
@@ -57,12 +57,12 @@ class Column:
 
 @dataclass(frozen=True, repr=False)
 class Table:
-    """What a file holds.
+    """The table of a file.
 
     Attributes:
         path: The file.
-        columns: Its columns, all of one length.
-        notes: What was decided when it was read.
+        columns: The columns, all of one length.
+        notes: Notes on how it was read.
     """
 
     path: Path
@@ -71,7 +71,7 @@ class Table:
 
     @property
     def account(self) -> str:
-        """What was decided, in one line."""
+        """Name of the file and notes on how it was read, in one line."""
         return f"{self.path.name}: {'; '.join(self.notes)}"
 
     def __repr__(self) -> str:
@@ -90,9 +90,9 @@ class Table:
         return [c.header for c in self.columns]
 
     def find(self, header: str) -> Column:
-        """A column by its header, by its name alone, or by both, the unit being given here.
+        """A column by its header, or by its name alone.
 
-        'Load [N]' finds the column 'Load' that has no unit in the file, and gives it one.
+        'Load [N]' also finds a column 'Load' without a unit in the file, and gives it this unit.
 
         Raises:
             ConfigError: If there is none, or there are several.
@@ -131,11 +131,11 @@ def assemble(
         above: Rows of the header; may be empty.
         frame: Numbers or texts, a column each.
         decimal: The decimal mark.
-        line: Where a row of the frame stands in the file, for messages.
-        notes: What was decided so far.
+        line: Gives the place of a row of the frame in the file, for messages.
+        notes: Notes so far.
 
     Raises:
-        ConfigError: If a cell is no number, or may be two.
+        ConfigError: If a cell is no number, or can be read in two ways.
     """
     named = headers(above, frame.shape[1])
     width = max((len(row) for row in above), default=frame.shape[1])
@@ -148,7 +148,7 @@ def assemble(
             continue
         if i >= width:
             said = f"{width} headers for more columns"
-            raise ConfigError(f"{path}:{line(-1)}: {said}: name each, or mark the nameless")
+            raise ConfigError(f"{path}:{line(-1)}: {said}; give each column a header")
         try:
             found = convert(cells, decimal, header[1])
         except Ambiguous as error:
@@ -174,7 +174,7 @@ def assemble(
 
 
 def _gives_units(columns: list[Column], words: pd.Series[Any]) -> bool:
-    """Whether a column of words has the units of the column before it, which then gets them."""
+    """Whether a column of words holds units for the column before it, which then gets them."""
     column, units = columns[-1], [str(w).strip() for w in words.fillna("")]
     kinds = {u for u in units if u}
     if column.unit or not kinds or not all(map(is_unit, kinds)):

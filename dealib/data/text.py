@@ -1,4 +1,4 @@
-"""Tables in text files: which lines are numbers, what parts the columns, what stands above."""
+"""Tables in text files: rows of numbers, delimiter, decimal mark, and header."""
 
 from __future__ import annotations
 
@@ -43,11 +43,11 @@ def read_text(path: Path, data: bytes, wanted: Format, notes: Sequence[str]) -> 
     Args:
         path: The file, for messages.
         data: Its text in UTF-8.
-        wanted: What the user says about its format.
-        notes: What was decided so far.
+        wanted: The user's settings for its format.
+        notes: Notes so far.
 
     Raises:
-        ConfigError: If there is no table or are several, or a line has no single reading.
+        ConfigError: If there is no table or are several, or a line can be read in two ways.
     """
     lines = Lines.of(data)
     fixed = hints([lines[i] for i in range(min(len(lines), ABOVE))])
@@ -58,7 +58,7 @@ def read_text(path: Path, data: bytes, wanted: Format, notes: Sequence[str]) -> 
     at = without_notes(lines, np.flatnonzero(rows[start:stop]) + start, delimiter)
     start, stop = int(at[0]), int(at[-1]) + 1
     if (np.diff(lines.starts[stop:]) > 1).any() and not told:
-        told = ["what stands below left out"]
+        told = ["lines below it left out"]
     chosen = at[np.unique(np.linspace(0, len(at) - 1, 2000).astype(int))]
     sample = [split(lines[i], delimiter) for i in chosen.tolist()]
     widest = max(map(len, sample))
@@ -85,10 +85,12 @@ def read_text(path: Path, data: bytes, wanted: Format, notes: Sequence[str]) -> 
 def _above(
     path: Path, lines: Lines, start: int, delimiter: str, width: int, widest: int
 ) -> tuple[list[list[str]], int]:
-    """Rows of the header, the lines above that have as many cells, and the line of the last.
+    """Rows of the header, and the number of its last line.
+
+    They are the lines above the table that have as many cells as it has columns.
 
     Raises:
-        ConfigError: If the line above has cells, but not as many, or an open quote.
+        ConfigError: If the line above has another number of cells, or an open quote.
     """
     found: list[list[str]] = []
     last = 0
@@ -102,7 +104,7 @@ def _above(
         if _opens(bare, delimiter):
             raise ConfigError(f"{path}:{first + 1}: a quote is opened and never closed")
         cells = split(bare, delimiter)
-        if len(cells) == 1 or delimiter == " ":  # the header may be parted by something else
+        if len(cells) == 1 or delimiter == " ":  # the header may have another delimiter
             options = [cells, *(split(bare, d) for d in DELIMITERS)]
             options.append(re.split(r"\s{2,}", bare.strip()))
             cells = next((c for c in options if width <= len(c) <= widest), cells)
@@ -114,9 +116,9 @@ def _above(
             if found or len([c for c in cells if c]) < 2 or mark:
                 break
             raise ConfigError(
-                f"{path}:{first + 1}: {len(cells)} headers for {width} columns of numbers; "
-                "a header with a comma or a blank in it needs quotes, numbers with decimal commas "
-                "another delimiter"
+                f"{path}:{first + 1}: {len(cells)} headers for {width} columns of numbers; put "
+                "headers that contain a comma or a blank in quotes, and separate numbers with "
+                "decimal commas by another delimiter"
             )
         found.insert(0, cells)
         last = last or first + 1
@@ -126,7 +128,7 @@ def _above(
 
 
 def _records(lines: Lines, start: int, stop: int, delimiter: str) -> Iterator[tuple[int, str]]:
-    """Lines with their numbers, joined where a quote goes on in the next ones."""
+    """Lines with their numbers; a line with an open quote is joined with the next ones."""
     i = start
     while i < stop:
         first, text = i, lines[i]
@@ -134,21 +136,21 @@ def _records(lines: Lines, start: int, stop: int, delimiter: str) -> Iterator[tu
         while _opens(joined, delimiter) and i + 1 < min(stop, first + 6):
             i += 1
             joined += " " + lines[i]
-        if _opens(joined, delimiter):  # it stays open
+        if _opens(joined, delimiter):  # the quote is never closed
             joined, i = text, first
         yield first, joined
         i += 1
 
 
 def _opens(text: str, delimiter: str) -> bool:
-    """Whether a quoted cell does not end; an inch mark opens none."""
+    """Whether a quoted cell is not closed; an inch mark does not count as a quote."""
     return text.count('"') % 2 == 1 and bool(re.search(rf'(^|{re.escape(delimiter)})\s*"', text))
 
 
 def _decimal(
     path: Path, lines: Lines, span: tuple[int, int], delimiter: str, sample: Sequence[Sequence[str]]
 ) -> str:
-    """The decimal mark, told by a sample of rows, else by all of them."""
+    """The decimal mark, from a sample of rows or, if that is ambiguous, from all rows."""
     try:
         if mark := decimal_mark(zip_longest(*sample, fillvalue="")):
             return mark
@@ -162,9 +164,9 @@ def _decimal(
 
 
 def _refuse_two_readings(path: Path, lines: Lines, rows: Ints, sample: Sequence[list[str]]) -> None:
-    """Refuse rows without headers whose commas may part columns, mark decimals or thousands.
+    """Refuse rows without headers whose commas may separate columns, decimals or thousands.
 
-    Such are '0,25,-2,27', '0,25, -2,27' and '1.5,2,418.5' among rows of other lengths.
+    Examples are '0,25,-2,27', '0,25, -2,27' and '1.5,2,418.5' among rows of other lengths.
     """
     widths = {len(row) for row in sample}
     whole = all(re.fullmatch(r"[+-]?\d*", c) for row in sample for c in row)
@@ -179,8 +181,9 @@ def _refuse_two_readings(path: Path, lines: Lines, rows: Ints, sample: Sequence[
     if whole or mixed or grouped or len(widths) > 1:
         shown = lines[int(rows[0])].strip()[:40]
         raise ConfigError(
-            f"{path}:{rows[0] + 1}: the commas of {shown!r} may part columns, or some of them mark "
-            "decimals or thousands; say which with format.decimal '.', or add a line of headers"
+            f"{path}:{rows[0] + 1}: the commas of {shown!r} may separate columns, decimals or "
+            "thousands; if all of them separate columns, set format.decimal to '.', otherwise add "
+            "a line of headers"
         )
 
 
@@ -188,7 +191,7 @@ def _frame(
     path: Path, lines: Lines, span: tuple[int, int], delimiter: str, decimal: str, width: int,
     rows: Flags,
 ) -> pd.DataFrame:  # fmt: skip
-    """The cells of a table, a column each: numbers where all of a column are."""
+    """The cells of a table by columns; columns of numbers only are converted."""
     import pandas as pd
 
     start, stop = span
@@ -212,7 +215,7 @@ def _frame(
                 sep=r"\s+" if delimiter == " " else delimiter,
                 decimal=decimal,
                 header=None,
-                names=list(range(width + 1)),  # one more finds lines that are too long
+                names=list(range(width + 1)),  # one more, to find lines that are too long
                 index_col=False,
                 skipinitialspace=True,
                 quoting=csv.QUOTE_MINIMAL if quoted else csv.QUOTE_NONE,
@@ -226,14 +229,14 @@ def _frame(
         raise fault or ConfigError(f"{path}: the rows cannot be read as a table")
     short = delimiter == " " and frame[width - 1].isna().any()
     if short and (fault := _misfit(path, lines, span, delimiter, width, shorter=True)):
-        raise fault  # which of its cells is blank is not to be seen
+        raise fault  # with blanks as delimiter nobody knows which cell is missing
     return frame.drop(columns=width)
 
 
 def _misfit(
     path: Path, lines: Lines, span: tuple[int, int], by: str, width: int, shorter: bool = False
 ) -> ConfigError | None:
-    """An error that names the first line with more cells than columns, or also with fewer."""
+    """An error about the first line with more cells than columns, or, if `shorter`, with fewer."""
     for i in range(*span):
         cells = [] if COMMENT.match(lines[i]) else split(lines[i], by)
         if len(cells) > width or (shorter and 0 < len(cells) < width):

@@ -1,6 +1,6 @@
-"""Pictures, from result files alone."""
+"""Pictures of results; they read run directories and never import dolfinx."""
 
 import warnings
 
-# Debian's matplotlib beside PyPI's: only the 3-D axes, which are not used here, suffer
+# where Debian's matplotlib and PyPI's are both installed, only 3-D axes fail, which are not used
 warnings.filterwarnings("ignore", message="Unable to import Axes3D")

@@ -1,4 +1,4 @@
-"""A film of the deforming device with its field, beside the curves of the inputs."""
+"""Animations of the deforming device with its fields, beside curves of motion and drive."""
 
 from __future__ import annotations
 
@@ -32,21 +32,23 @@ Image = npt.NDArray[np.uint8]
 
 
 def usual(run: Run) -> list[Quantity]:
-    """What to show if nothing is asked for: a stress, and the field of a run under voltage."""
+    """Quantities shown by default: a stress, and under voltage the electric field."""
     device = run.config.device
     names = [main_stress(device), *(["E"] if under_voltage(run.history).any() else [])]
     return [quantity(name, device.kinematics) for name in names]
 
 
 def frames(run: Run, whats: Sequence[Quantity], look: Theme, count: int) -> Iterator[Image]:
-    """Pictures (height, width, 3) at equal distances in time; between steps it is linear.
+    """Pictures (height, width, 3) at equal intervals of time, linearly interpolated between steps.
 
     Raises:
         ConfigError: If fewer than two steps are stored.
     """
     steps = run.stored_steps
     if len(steps) < 2:
-        raise ConfigError(f"{run.directory}: an animation needs at least two stored steps")
+        raise ConfigError(
+            f"{run.directory}: an animation needs at least two stored steps (see output.fields)"
+        )
     rows = run.history.set_index("step", drop=False)
     clock = stages.clock(run.config.program)
     times = rows.loc[steps, clock].to_numpy(float)
@@ -83,7 +85,7 @@ def settle(figure: Any) -> None:
 
 
 def grabbed(figure: Any) -> Image:
-    """A figure as it is now, (height, width, 3)."""
+    """The current picture of a figure, (height, width, 3)."""
     figure.canvas.draw()
     return np.asarray(figure.canvas.buffer_rgba())[..., :3].copy()
 
@@ -94,7 +96,7 @@ def _shown(run: Run) -> list[str]:
 
 
 def _typical(run: Run) -> list[int]:
-    """Stored steps that span the range of values: some at equal distances, and the extremes."""
+    """Stored steps that span the range of values: nine at equal intervals, and the extremes."""
     steps = run.stored_steps
     rows = run.history.set_index("step").loc[steps, _shown(run)].abs()
     some = {steps[k] for k in np.linspace(0, len(steps) - 1, 9, dtype=int)}
@@ -104,7 +106,7 @@ def _typical(run: Run) -> list[int]:
 def _scene(
     run: Run, whats: Sequence[Quantity], look: Theme, factor: float, clock: str
 ) -> tuple[Any, list[Painted | Scene], dict[str, Any], Any]:
-    """The figure, the painted layers, the markers by column, and the line that tells the state."""
+    """The figure, its drawings of the device, the markers by column, and the line of text."""
     shapes = [Shape(run, step, n=2) for step in _typical(run)]
     moved = np.concatenate([shape.moved(factor) for shape in shapes])
     low, high = moved.min(axis=0), moved.max(axis=0)

@@ -1,4 +1,4 @@
-"""The chart that designers of biased actuators draw: film, film under voltage, and bias."""
+"""The chart of a biased film: film at 0 V, film under voltage, and bias."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ def draw_bias(chart: BiasChart, look: Theme, whole: bool = False) -> Any:
     """Force over displacement, equilibria as dots (hollow: unstable), strokes as arrows.
 
     Args:
-        chart: What was solved.
+        chart: The solved chart.
         look: Colours.
-        whole: Show all displacements, not only those about the equilibria.
+        whole: Show all displacements, not only those near the equilibria.
     """
     figure, axis = plt.subplots(figsize=(7, 5), layout="constrained")
     u = chart.displacement
@@ -55,7 +55,7 @@ def draw_bias(chart: BiasChart, look: Theme, whole: bool = False) -> Any:
 
 
 def _about(chart: BiasChart) -> tuple[float, float]:
-    """Displacements to show: those of the equilibria, with room on both sides."""
+    """Range of displacements to show: that of the equilibria, with room on both sides."""
     u = chart.displacement
     at = [e.displacement for found in chart.equilibria.values() for e in found]
     if not at:
@@ -65,7 +65,7 @@ def _about(chart: BiasChart) -> tuple[float, float]:
 
 
 def _limits(chart: BiasChart, shown: npt.NDArray[np.bool_]) -> tuple[float, float]:
-    """Forces to show: all of the film's, and the bias as far as it does not dwarf them."""
+    """Range of forces to show: that of the film, and of the bias where it is of similar size."""
     film = np.concatenate([force[shown] for force in chart.film.values()])
     bias = chart.bias[shown]
     low, high = film.min(), film.max()

@@ -18,14 +18,14 @@ _POINTS = {"limit_point": ("o", "limit point"), "bifurcation": ("s", "bifurcatio
 
 
 def draw_history(axis: Any, history: pandas.DataFrame, x: str, y: str, **style: Any) -> None:
-    """Draw a column over another.
+    """Draw one column of a history over another.
 
     Args:
-        axis: Where.
-        history: With or without the columns that tell stable states from unstable ones.
-        x: Column across.
-        y: Column up.
-        style: Of the line, with its label.
+        axis: Axes to draw into.
+        history: The history; unstable parts are dashed if it has the column `unstable_modes`.
+        x: Column of the abscissa.
+        y: Column of the ordinate.
+        style: Matplotlib's style of the line, with its label.
     """
     if len(history) == 1:
         style.setdefault("marker", ".")
@@ -33,7 +33,7 @@ def draw_history(axis: Any, history: pandas.DataFrame, x: str, y: str, **style: 
         axis.plot(history[x], history[y], **style)
         return
     xs, ys = history[x].to_numpy(), history[y].to_numpy()
-    # a limit point counts the modes before it, so it ends what it belongs to
+    # the row of a limit point counts the modes before it, so it belongs to the part before it
     unstable = history[_MODES].to_numpy()[1:] > 0
     ends = [0, *(np.flatnonzero(np.diff(unstable)) + 1), len(unstable)]
     label = style.pop("label", None)
@@ -49,7 +49,7 @@ def draw_history(axis: Any, history: pandas.DataFrame, x: str, y: str, **style: 
 
 
 def key(histories: Iterable[pandas.DataFrame], colour: str) -> list[Any]:
-    """Legend entries for what `draw_history` marks in some histories."""
+    """Legend entries for the dashes and markers that `draw_history` draws in some histories."""
     drawn = [h for h in histories if _MODES in h and h[_MODES].any()]
     if not drawn:
         return []

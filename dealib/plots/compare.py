@@ -1,4 +1,4 @@
-"""Measured and computed curves over each other."""
+"""Measured and computed curves in one picture."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ def draw_comparison(
     Args:
         comparisons: What to draw, one column of axes each.
         picture: PNG, SVG or PDF file.
-        history: The whole run, drawn behind.
-        titles: One a comparison.
+        history: The history of the run, whose whole curve is drawn behind.
+        titles: One title per comparison.
     """
     with theme():
         n = len(comparisons)
@@ -48,7 +48,7 @@ def draw_comparison(
                 above.plot(*curve, color="C0", label=None if number else "computed")
             if history is not None:
                 x, y = np.asarray(history[c.x_name]), np.asarray(history[c.y_name])
-                # what is compared fills the picture
+                # the compared part fills the picture, not the whole run
                 above.set(xlim=above.get_xlim(), ylim=above.get_ylim())
                 above.plot(x, y, color="C0", lw=0.8, alpha=0.4, label="whole run")
             below.axhline(0, color="C1", lw=0.8)

@@ -1,4 +1,4 @@
-"""Contours in a plane: deformed; of laminates also straightened, and true to scale at each end."""
+"""Contours of devices in a plane: deformed, and for laminates straightened and at each end."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from dealib.plots.style import Theme
 from dealib.results.elements import Array
 from dealib.results.quantities import Quantity
 
-_EXCEEDED = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}  # colour bar's ends
+# which ends of the colour bar are pointed, by whether values are below or above the scale
+_EXCEEDED = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}
 
 
 @dataclass(frozen=True)
@@ -25,9 +26,9 @@ class Scale:
     """Colours of values.
 
     Attributes:
-        norm: From values to 0 .. 1.
-        cmap: Colour map.
-        extend: Which ends are exceeded, for the colour bar.
+        norm: Maps values to 0 .. 1.
+        cmap: Name of the colour map.
+        extend: Ends of the colour bar that are pointed, in Matplotlib's words.
     """
 
     norm: Normalize
@@ -35,18 +36,10 @@ class Scale:
     extend: str
 
     def bar(self, part: Any, label: str, **where: Any) -> None:
-        """Draw the colour bar beside axes of a figure or a part of one."""
+        """Draw the colour bar beside axes of a figure or subfigure."""
         colours = plt.cm.ScalarMappable(self.norm, self.cmap)
         bar = part.colorbar(colours, extend=self.extend, label=label, **where)
         bar.solids.set_rasterized(True)
-
-
-def contours(shape: Shape, what: Quantity, look: Theme) -> Any:
-    """Draw a quantity on the layers at one step (thesis, Figs. 26-28), as a figure of its own."""
-    figure = plt.figure(figsize=(12, 8), layout="constrained")
-    fill(figure, shape, what, look)
-    figure.suptitle(plain(f"{shape.run.title}, {shape.when}"), fontsize="medium")
-    return figure
 
 
 def fill(
@@ -57,20 +50,21 @@ def fill(
     limits: tuple[float, float] | None = None,
     zoom: float | None = None,
 ) -> None:
-    """Draw a quantity into a figure or a part of one.
+    """Draw a quantity on the layers at one step (thesis, Figs. 26-28) into a figure or subfigure.
 
-    The colours cover all but 0.6 % of the area: the ends of the layers hold singular points.
+    The colour scale covers all but 0.6 % of the area, since fields are singular at the ends of the
+    layers.
 
     Args:
-        part: The figure.
-        shape: The step, in a plane.
+        part: The figure or subfigure.
+        shape: A stored step of a device in a plane.
         what: The quantity.
         look: Colours.
-        limits: Of the colours.
+        limits: Lowest and highest value of the colour scale.
         zoom: Length shown of each end, mm.
 
     Raises:
-        ValueError: If the device is none in a plane.
+        ValueError: If the device is in space.
     """
     if shape.solid:
         raise ValueError("contours are drawn of devices in a plane; this one is in space")
@@ -97,7 +91,7 @@ def fill(
 
 
 def _straightened(axis: Any, shape: Shape, values: Array, colours: Scale, look: Theme) -> None:
-    """The layers as they lie in the mesh, their thickness filling the height."""
+    """Draw the layers as in the mesh, with their thickness over the whole height."""
     across, names = shape.section.across, shape.kinematics.axes
     unit, factor = ("µm", 1e3) if shape.thickness < 0.5 else ("mm", 1.0)
     points = shape.points[:, [1 - across, across]] * (1, factor)
@@ -118,17 +112,17 @@ def scale(
     what: Quantity | None = None,
     limits: tuple[float, float] | None = None,
 ) -> Scale:
-    """Colour scale of sampled values: centred at zero if they have both signs.
+    """Colour scale of sampled values, centred at zero if they have both signs.
 
-    That of a margin is centred at its limit.
+    The scale of a margin is centred at its limit.
 
     Args:
         shape: The layers.
-        values: Values at the sampled points, (points,), or (steps, points) for one scale of all;
-            NaN is left out.
+        values: Values at the sampled points, (points,), or (steps, points) for a common scale;
+            NaN is ignored.
         look: The theme.
         what: The quantity.
-        limits: Ends of the scale.
+        limits: Lowest and highest value of the scale.
     """
     least, most = float(np.nanmin(values)), float(np.nanmax(values))
     if what is not None and what.is_use:
@@ -147,7 +141,7 @@ def scale(
 
 
 def _by_area(shape: Shape, values: Array, fractions: Array) -> Array:
-    """Values below which the given fractions of the area lie that has any; in space, of nodes."""
+    """Quantiles of the values, weighted by area; in space, of the nodal values."""
     if shape.solid:
         return np.nanquantile(values, fractions)
     triangles = shape.strips.triangles
@@ -162,7 +156,7 @@ def _by_area(shape: Shape, values: Array, fractions: Array) -> Array:
 
 
 def magnification(shape: Shape) -> float:
-    """A round factor that makes the thickness of a laminate about a fifteenth of the length."""
+    """A whole factor by which the thickness of a laminate becomes a fifteenth of its length."""
     if shape.thickness == 0 or shape.run.config.device.laminate is None:
         return 1.0
     if not shape.solid and shape.core is None:
@@ -171,13 +165,13 @@ def magnification(shape: Shape) -> float:
 
 
 def scale_note(factor: float) -> str:
-    """Title of a deformed shape."""
+    """The note on the scale of a deformed shape."""
     return "true scale" if factor == 1 else f"thickness magnified {factor:g} times"
 
 
 @dataclass(frozen=True)
 class Painted:
-    """Colours and outlines of the layers, which can be moved."""
+    """A drawing of the layers that can be moved: colours and outlines."""
 
     shape: Shape
     colours: Any
@@ -185,7 +179,7 @@ class Painted:
     rim: Any
 
     def move(self, x: Array, values: Array) -> None:
-        """Put the sampled points elsewhere, with new values."""
+        """Move the sampled points to x, (points, 2), and colour them by new values, (points,)."""
         for part in (self.colours, *self.others):
             grid = part._triangulation
             grid.x, grid.y = x[:, 0].copy(), x[:, 1].copy()
@@ -194,7 +188,7 @@ class Painted:
 
 
 def paint(axis: Any, shape: Shape, x: Array, values: Array, colours: Scale, look: Theme) -> Painted:
-    """Smooth colours on the sampled triangles at the points x, each layer in a thin outline.
+    """Draw smooth colours on the sampled triangles at the points x, and outlines of the layers.
 
     Layers without values are grey.
     """
@@ -219,7 +213,7 @@ def paint(axis: Any, shape: Shape, x: Array, values: Array, colours: Scale, look
 
 
 def frame(axis: Any, shape: Shape) -> None:
-    """Equal scales and labels for a whole strip."""
+    """Set equal scales and labels for the whole section."""
     axis.set_aspect("equal", adjustable="datalim")
     _axes(axis, shape)
     axis.margins(0.02, 0.1)
@@ -231,7 +225,7 @@ def _axes(axis: Any, shape: Shape) -> None:
 
 
 def _zoom(axis: Any, shape: Shape, end: str, length: float | None) -> None:
-    """Show one end, by default about six thicknesses of it."""
+    """Show one end, by default over about six thicknesses."""
     assert shape.laminate is not None
     size, across = shape.thickness, shape.section.across
     along = 1 - across
@@ -251,7 +245,7 @@ def _zoom(axis: Any, shape: Shape, end: str, length: float | None) -> None:
 
 
 def _blocks(axis: Any, shape: Shape, look: Theme) -> None:
-    """The rigid blocks, where there are some."""
+    """Draw the rigid blocks, if there are any."""
     mesh, x = shape.mesh, shape.mesh.points + shape.displacement
     for region in shape.run.config.device.regions:
         if region.material is None and not region.air:

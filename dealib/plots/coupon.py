@@ -21,13 +21,13 @@ class Curve:
     """One test.
 
     Attributes:
-        panel: Heading of the axes that it belongs to.
-        label: In the legend.
-        x_label: Of the abscissa.
-        x: Measured abscissae (points,).
-        y: Measured stresses (points,).
-        off: Computed minus measured (points,).
-        path: Abscissae and computed stresses along the test (2, states).
+        panel: Heading of the axes that it is drawn into.
+        label: Label in the legend.
+        x_label: Label of the abscissa.
+        x: Measured abscissae, (points,).
+        y: Measured stresses, (points,).
+        off: Computed minus measured stresses, (points,).
+        path: Abscissae and computed stresses along the test, (2, states).
     """
 
     panel: str

@@ -12,30 +12,31 @@ from dealib.plots.shape import Shape
 from dealib.results.elements import Array
 from dealib.results.quantities import Quantity
 
-TURN, _STEP = 270.0, 30.0  # degrees: of a body of revolution, and less for each layer
+TURN = 270.0  # degrees by which a section is turned to a body of revolution
+_STEP = 30.0  # degrees by which each layer is turned less than the one below it, at most
 _COLOUR = "#d55e00"
-_LINES = 24  # along the device
-_LEAST = 0.02  # of the largest wrinkling: where there is less, there is no line
+_LINES = 24  # number of lines along the device
+_LEAST = 0.02  # share of the largest wrinkling below which no line is drawn
 
 
 def peel(shape: Shape) -> float:
-    """By how many degrees each layer of a body of revolution ends before the one below it."""
+    """Degrees by which each layer of a body of revolution is turned less than the one below it."""
     return min(_STEP, TURN / 2 / len(shape.layers))
 
 
 def note(shape: Shape, what: Quantity, factor: float) -> str:
-    """The scale; of wrinkles also how much of the film has some."""
+    """Note on the scale, and for wrinkles on the wrinkled area."""
     area = shape.row.get("wrinkled_area_mm2") if what.field == "wrinkling" else None
     told = "" if area is None else f"; {area:.4g} mm² wrinkled, lines on the crests"
     return scale_note(factor) + told
 
 
 def lines(shape: Shape, what: Quantity) -> list[tuple[Any, str]]:
-    """Short lines along the crests of wrinkles, if these are what is drawn; with their colour."""
+    """Short lines along the crests with their colour, if the quantity is wrinkling."""
     if what.field != "wrinkling":
         return []
     if not shape.solid:
-        shape = Shape(shape.run, shape.step, n=2)  # its points are nodes: crests have no sign
+        shape = Shape(shape.run, shape.step, n=2)  # points at nodes only, since crests have no sign
     x, crest = shape.moved(magnification(shape)), shape.arrays["crest"]
     if not shape.solid:
         crest = shape.strips(crest)
@@ -53,7 +54,7 @@ def lines(shape: Shape, what: Quantity) -> list[tuple[Any, str]]:
 
 
 def _turns(shape: Shape) -> Sequence[Array]:
-    """Maps of radius, height and direction around the axis to space, within the upper layer."""
+    """Maps (3, 3) from radial, axial and hoop components to space, at angles of the top layer."""
     angles = np.radians(np.arange(4, TURN - peel(shape) * (len(shape.layers) - 1), 8))
     return [
         np.array([[np.cos(a), 0, -np.sin(a)], [np.sin(a), 0, np.cos(a)], [0, 1, 0]]) for a in angles

@@ -21,7 +21,7 @@ _NOISE = 1e-12  # in the unit of any column
 
 
 def overview(runs: Sequence[Run]) -> Any:
-    """Motion, what drives it in time, capacitance and field: a 2 x 2 figure.
+    """A 2 x 2 figure of motion, motion and drive over time, capacitance, and field.
 
     The motion is that of the first run's first mount, chamber or probes (see `summary.motion`).
     """
@@ -78,7 +78,7 @@ def clock_of(runs: Sequence[Run]) -> str:
 
 
 def _in_time(run: Run) -> Any:
-    """Rows to draw over the time: where there are dynamic stages, these and how they begin."""
+    """Rows to draw over time: those of dynamic stages and the rows before them, else all."""
     history = run.history
     moving = history["stage"].isin([s.stage for s in run.config.program if s.dynamic]).to_numpy()
     chosen = moving | np.append(moving[1:], False)
@@ -86,9 +86,9 @@ def _in_time(run: Run) -> Any:
 
 
 def curves(runs: Sequence[Run], x: str | None, ys: Sequence[str]) -> Any:
-    """Any columns against another: one panel a unit, runs by colour, columns by dashes.
+    """Columns over another column: one panel per unit, runs by colour, columns by dashes.
 
-    Without x it is time, or the step where a run follows a branch.
+    By default x is the time, or the step if a run follows a branch.
 
     Raises:
         ConfigError: If a run has no such column.
@@ -150,13 +150,13 @@ def check_column(run: Run, column: str) -> None:
 
 
 def names(runs: Sequence[Run]) -> list[str]:
-    """Names that tell runs apart: their titles, else their paths."""
+    """Distinct names of runs: their titles, or their paths if titles are equal."""
     given = [plain(run.title) for run in runs]
     return given if len(set(given)) == len(given) else [plain(run.directory) for run in runs]
 
 
 def _panel_beside(axis: Any) -> Any:
-    """A panel under another one, in its place."""
+    """Split the place of a panel in two, and add a panel below it."""
     spec = axis.get_subplotspec()
     inner = spec.subgridspec(2, 1, height_ratios=(2, 1), hspace=0.08)
     axis.set_subplotspec(inner[0])
@@ -164,7 +164,7 @@ def _panel_beside(axis: Any) -> Any:
 
 
 def _colour(axis: Any, side: str, colour: str) -> None:
-    """An axis in the colour of its curve."""
+    """Give an axis the colour of its curve."""
     axis.tick_params(axis="y", colors=colour)
     axis.yaxis.label.set_color(colour)
     if side == "right":
@@ -174,7 +174,7 @@ def _colour(axis: Any, side: str, colour: str) -> None:
 
 
 def _keys(figure: Any, runs: Sequence[Run], columns: Sequence[str], curves: Sequence[Any]) -> None:
-    """Say above what the curves are and which limits are not kept, below what marks mean."""
+    """Add legends: above the figure for curves and limits, below it for markers."""
     bands = limits.key(runs, columns)
     above = [*curves, *bands] if len(runs) > 1 else bands
     title = names(runs)[0] if len(runs) == 1 else None
@@ -195,7 +195,7 @@ def _keys(figure: Any, runs: Sequence[Run], columns: Sequence[str], curves: Sequ
 
 
 def steady(*axes: Any) -> None:
-    """Do not blow rounding up to the size of the panel where a value does not change."""
+    """Set limits where a value is constant, so that its rounding does not fill the panel."""
     for axis in axes:
         for ends, limit in (
             (axis.dataLim.intervalx, axis.set_xlim),

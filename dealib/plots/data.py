@@ -12,11 +12,11 @@ from dealib.data.table import Column
 from dealib.plots.labels import plain
 from dealib.plots.style import Theme
 
-_POINTS = 5000  # a marker each up to so many, then a line
+_POINTS = 5000  # up to this number points are drawn as markers, above it as a line
 
 
 def draw_columns(x: Column, columns: Sequence[Column], look: Theme) -> Any:
-    """Draw columns over another one, an axes each; the figure is returned."""
+    """Draw columns over another one, each into axes of its own; returns the figure."""
     rows = -(-len(columns) // 3)
     across = min(len(columns), 3)
     figure, axes = plt.subplots(
@@ -37,7 +37,7 @@ def draw_columns(x: Column, columns: Sequence[Column], look: Theme) -> Any:
 
 
 def thinned(values: Any, points: int = _POINTS) -> Any:
-    """Rows that draw as all do: the least and the largest of each of many blocks."""
+    """Rows that give the same picture as all: minimum and maximum of each of many blocks."""
     if len(values) <= points:
         return np.arange(len(values))
     size = -(-2 * len(values) // points)

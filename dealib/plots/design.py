@@ -1,4 +1,4 @@
-"""Pictures of designs: the way to an optimum, and the front of two objectives."""
+"""Pictures of designs: the search for an optimum, and the Pareto front of two objectives."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from dealib.plots.style import Theme
 
 
 def draw_way(table: Any, aims: Sequence[tuple[str, int]], title: str, look: Theme) -> Any:
-    """Each objective over the designs in their order, and the best one so far.
+    """Draw each objective over the designs in order of their solution, and the best value so far.
 
     Args:
-        table: Of `designs.csv`.
-        aims: Names of the objectives, each with 1 if small values are good, else -1.
-        title: Of the picture.
+        table: Table of `designs.csv`.
+        aims: Names of the objectives, each with 1 if it is minimised, else -1.
+        title: Title of the picture.
         look: Colours.
     """
     figure, axes = plt.subplots(
@@ -50,13 +50,13 @@ def draw_way(table: Any, aims: Sequence[tuple[str, int]], title: str, look: Them
 
 
 def draw_front(table: Any, front: Any, names: tuple[str, str], title: str, look: Theme) -> Any:
-    """All designs that are allowed, and those that no other one is better than.
+    """Draw all feasible designs and the Pareto front.
 
     Args:
-        table: Of `designs.csv`.
-        front: Of `front.csv`.
-        names: Of the two objectives.
-        title: Of the picture.
+        table: Table of `designs.csv`.
+        front: Table of `front.csv`.
+        names: Names of the two objectives.
+        title: Title of the picture.
         look: Colours.
     """
     figure, axis = plt.subplots(figsize=(6.5, 5), layout="constrained")

@@ -34,12 +34,12 @@ _KINDS = {
 
 
 def plain(text: object) -> str:
-    """A text of a user, or with one in it, as it stands: no mathtext, and never left out of a key.
+    """A user's text for a picture, without mathtext and never left out of a legend.
 
-    All of them go through here on their way into a picture.
+    Every text that contains a user's words passes through this function.
     """
     said = str(text).replace("$", r"\$")
-    return f" {said}" if said.startswith("_") else said  # which Matplotlib would leave out
+    return f" {said}" if said.startswith("_") else said  # Matplotlib's legends skip '_...'
 
 
 def kind(unit: str) -> str:

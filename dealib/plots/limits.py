@@ -1,4 +1,4 @@
-"""Limits in curves: what lies beyond one, and how much of each is used."""
+"""Limits in curves: bands where a limit is exceeded, and the used share of each limit."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _BAND: dict[str, Any] = {"alpha": 0.4, "lw": 7, "zorder": 1.5}
 
 
 def beyond(history: pandas.DataFrame, verdict: str, column: str = "") -> Any:
-    """Whether a margin is used up, one value a row.
+    """Whether a limit is exceeded, one value per row.
 
     Args:
         history: The history.
-        verdict: Of `VERDICTS`: limits of the config, or of the film itself.
-        column: Of this margin alone, if it is one.
+        verdict: One of `VERDICTS`: for limits of the config, or of the film itself.
+        column: If this is a margin, only this one is considered.
     """
     uses = [column] if column in MARGINS else [c for c in MARGINS if c in history]
     uses = [c for c in uses if (c in GIVEN) == (verdict == VERDICTS[0])]
@@ -36,7 +36,7 @@ def beyond(history: pandas.DataFrame, verdict: str, column: str = "") -> Any:
 
 
 def mark(axis: matplotlib.axes.Axes, run: Run, x: str, y: str) -> None:
-    """Draw a band behind the part of a curve that lies beyond a limit."""
+    """Draw a band behind the part of a curve where a limit is exceeded."""
     for verdict, colour in reversed(BEYOND.items()):
         there = beyond(run.history, verdict, y)
         if not there.any():
@@ -53,12 +53,12 @@ def mark(axis: matplotlib.axes.Axes, run: Run, x: str, y: str) -> None:
 
 
 def told(run: Run) -> list[str]:
-    """What of a run is beyond a limit: 'limit exceeded: breakdown 1.630', 'beyond: ...'."""
+    """Texts on exceeded limits of a run: 'limit exceeded: breakdown 1.630', 'beyond: ...'."""
     return [f"{verdict}: {text}" for verdict, text in alarms(run).items()]
 
 
 def key(runs: Sequence[Run], columns: Sequence[str]) -> list[Line2D]:
-    """Legend entries for what `mark` marks; of a single run with the largest values."""
+    """Legend entries for the bands of `mark`; for a single run with the largest values."""
     found = []
     for verdict, colour in BEYOND.items():
         if any(beyond(r.history, verdict, c).any() for r in runs for c in columns):
@@ -68,7 +68,7 @@ def key(runs: Sequence[Run], columns: Sequence[str]) -> list[Line2D]:
 
 
 def limit(axis: matplotlib.axes.Axes, columns: Sequence[str]) -> None:
-    """The limit of utilisations, and what is beyond it."""
+    """Draw the limit 1 of margins, and shade what is above it."""
     colour = BEYOND[VERDICTS[not set(columns) & set(GIVEN)]]
     top = max(axis.get_ylim()[1], 1.15)
     axis.set_ylim(top=top)

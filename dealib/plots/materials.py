@@ -1,4 +1,4 @@
-"""A law's own curves: nominal and true stress against stretch in three modes."""
+"""Curves of a material law: nominal and true stress over stretch in three modes."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from dealib.plots.style import plt, save, theme
 
 
 def draw_law(law: Law, name: str, largest: float, picture: Path, dark: bool = False) -> None:
-    """Draw a law's response up to a stretch; full up to the stability limit, dotted beyond it.
+    """Draw a law's response up to a stretch: solid up to the stability limit, dotted beyond it.
 
-    A dotted vertical line is where the law locks.
+    A dotted vertical line marks the stretch at which the law locks.
     """
     stretches = np.linspace(1.0, largest, 201)
     with theme(dark) as look:

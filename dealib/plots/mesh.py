@@ -34,7 +34,7 @@ def draw_mesh(path: Path, config: Config | None = None) -> Any:
 
     Args:
         path: The file.
-        config: Of the device, which tells what its regions are.
+        config: Config of the device; it determines the colours of the regions.
 
     Raises:
         ConfigError: If the file is damaged, or has no named regions.
@@ -42,7 +42,7 @@ def draw_mesh(path: Path, config: Config | None = None) -> Any:
     mesh = msh.read(path)
     dim, parts = next(((d, c) for d in (3, 2, 1) if (c := mesh.cells(d))), (0, {}))
     if not parts:
-        raise ConfigError(f"{path}: none of its cells has a name")
+        raise ConfigError(f"{path}: none of its cells has a name; name regions as physical groups")
     colours = {name: _role(name, config) for name in parts}
     if dim == 3:
         return _solid(parts, colours)

@@ -23,13 +23,13 @@ _AT_ONCE = 8  # modes in one picture
 
 
 def draw_modes(run: Run, step: int, look: Theme, names: Sequence[str] = ()) -> Any:
-    """Draw the shapes of a stored step's modes, over the state that they swing about.
+    """Draw the shapes of a stored step's modes over the equilibrium.
 
     Args:
         run: The run.
         step: The step.
         look: Colours.
-        names: Of some modes, 'mode', 'mode2', ...; default the first eight.
+        names: Names of modes, such as 'mode2'; by default the first eight.
     """
     figure, moved = _scene(run, step, look, names)
     for part, rest, way, values in moved:
@@ -40,7 +40,7 @@ def draw_modes(run: Run, step: int, look: Theme, names: Sequence[str] = ()) -> A
 def frames(
     run: Run, step: int, look: Theme, names: Sequence[str], count: int, periods: int
 ) -> Iterator[Image]:
-    """Pictures (height, width, 3) of modes that swing for some periods, in one clock."""
+    """Pictures (height, width, 3) of modes that vibrate for some periods, all in phase."""
     figure, moved = _scene(run, step, look, names)
     for k in range(count):
         share = np.sin(2 * np.pi * periods * k / count)
@@ -52,7 +52,7 @@ def frames(
 def _scene(
     run: Run, step: int, look: Theme, names: Sequence[str]
 ) -> tuple[Any, list[tuple[Any, Any, Any, Any]]]:
-    """The figure, and of each mode what moves: it, the points at rest, their way, its values."""
+    """The figure, and for each mode its drawing, points at rest, amplitudes and values."""
     plain_shape = Shape(run, step, n=2)
     known = [name for name in plain_shape.arrays if name.startswith("mode")]
     for name in names:
@@ -100,7 +100,7 @@ def _scene(
 
 
 def _frequencies(run: Run, step: int) -> dict[str, str]:
-    """What is told of each mode of a step: 'mode 2: 61.8 Hz'."""
+    """Titles of a step's modes by name: 'mode 2: 61.8 Hz'."""
     if not (run.directory / spectra.MODES).is_file():
         return {}
     table = spectra.read(run.directory / spectra.MODES, "step", "mode", "frequency_Hz")
@@ -113,11 +113,11 @@ def _frequencies(run: Run, step: int) -> dict[str, str]:
 
 
 def draw_frequencies(run: Run, stage: str, look: Theme) -> Any:
-    """Draw the curve of frequencies along a stage, over what drives it.
+    """Draw frequencies along a stage over the variable that drives it.
 
     Args:
         run: A run with `frequencies.csv`.
-        stage: Whose curve it is.
+        stage: Name of the stage.
         look: Colours.
     """
     table = spectra.read(run.directory / spectra.FREQUENCIES)

@@ -1,4 +1,4 @@
-"""Line profiles along a film: its middle and both faces, from the film's own values."""
+"""Line profiles along the middle and both faces of a film, from values inside the film."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def film(shape: Shape) -> str:
     if shape.laminate is None:
         raise ConfigError(
             f"{shape.run.directory}: profiles run along the layers of a laminate in a plane, "
-            f"and this device is none; {by_caller('--field', 'field')} draws it whole"
+            f"and this device is none; use {by_caller('--field', 'field')} to draw it whole"
         )
     E, mesh = np.linalg.norm(shape.arrays["E"], axis=1), shape.mesh
     names = [n for n in shape.layers if n in drawn(shape.run, SURFACE_CHARGE)]

@@ -1,4 +1,4 @@
-"""Rendering in space, off screen, by pyvista."""
+"""Off-screen rendering of three-dimensional pictures by pyvista."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from dealib.errors import PlatformError
 from dealib.plots.contours import Scale
 from dealib.results.elements import Array
 
-Bodies = list[tuple[Any, str]]  # VTK's data and its colour; empty: the one of its values
+Bodies = list[tuple[Any, str]]  # VTK's data and a colour; empty if it is coloured by values
 
 PIXELS = (1900, 1000)
-_ABOVE = (1.2, -1.6, 1.35)  # direction from which is looked
+_ABOVE = (1.2, -1.6, 1.35)  # position of the camera
 _PROBE = (
     "import pyvista as pv; p = pv.Plotter(off_screen=True, window_size=(40, 40));"
     "p.add_mesh(pv.Sphere()); p.screenshot(None, return_img=True); p.close()"
@@ -27,7 +27,7 @@ _PROBE = (
 
 @functools.cache
 def _works(probe: str) -> bool:
-    """Whether code that renders does so in another process, found once."""
+    """Whether a script that renders succeeds in another process; tried only once."""
     command = [sys.executable, "-c", probe]
     try:
         done = subprocess.run(command, capture_output=True, timeout=120, check=False)
@@ -37,10 +37,12 @@ def _works(probe: str) -> bool:
 
 
 def check_rendering() -> None:
-    """Render a small picture in another process: without EGL or OSMesa, VTK ends its process.
+    """Check that 3-D pictures can be rendered.
+
+    A small picture is rendered in another process, since VTK aborts without EGL or OSMesa.
 
     Raises:
-        PlatformError: If it does.
+        PlatformError: If it cannot be rendered.
     """
     if not _works(_PROBE):
         raise PlatformError(
@@ -56,13 +58,14 @@ def picture(
     within: Sequence[float] | None = None,
     edges: str = "",
 ) -> Any:
-    """A picture (height, width, 3) of bodies, without its empty margins.
+    """A picture (height, width, 3) of bodies, cropped to them.
 
     Args:
         seen: The bodies.
-        colours: Of their values.
+        colours: Colour scale of their values.
         paper: Colour of the background.
-        within: Bounds to look at (with all margins), for pictures that follow each other.
+        within: Bounds that the camera shows, mm. The picture is then not cropped, as the frames of
+            an animation need it.
         edges: Colour of the cells' edges; empty for none.
     """
     import pyvista as pv
@@ -96,7 +99,7 @@ def picture(
 
 
 def _zoom(camera: Any, bounds: Sequence[float]) -> float:
-    """By how much a camera can come closer until a box fills its picture."""
+    """Factor of zoom at which a box fills the camera's picture."""
     corners = np.array(list(product(*np.reshape(bounds, (3, 2))))) - camera.position
     right = np.cross(camera.direction, camera.up)
     right /= np.linalg.norm(right)
@@ -112,8 +115,8 @@ def draw_faces(faces: list[tuple[Array, str]], ink: str, paper: str) -> Any:
 
     Args:
         faces: Faces and their colours.
-        ink: Colour of edges.
-        paper: Background.
+        ink: Colour of the edges.
+        paper: Colour of the background.
     """
     import pyvista as pv
 

@@ -13,11 +13,11 @@ from dealib.results.circuit import Circuit
 
 
 def draw_bode(table: Any, title: str, look: Theme) -> Any:
-    """Magnitudes and phases over the frequency: of what moves, and of the impedance.
+    """Draw magnitudes and phases over the frequency: of the motion, the impedance and the sound.
 
     Args:
-        table: Of `response.csv`.
-        title: Of the picture.
+        table: Table of `response.csv`.
+        title: Title of the picture.
         look: Colours.
     """
     f, columns = table["frequency_Hz"], list(map(str, table))
@@ -48,14 +48,14 @@ def draw_bode(table: Any, title: str, look: Theme) -> Any:
 
 
 def draw_nyquist(table: Any, circuit: Circuit, title: str, look: Theme) -> Any:
-    """The capacitance Y/(i omega) = C' - i C'' with that of its circuit, and what moves.
+    """Draw capacitance and motion as curves in the complex plane, circles at a resonance.
 
-    Each is a curve in its complex plane, which goes around a circle at a resonance.
+    The capacitance is Y/(i omega) = C' - i C''; that of the equivalent circuit is drawn over it.
 
     Args:
-        table: Of `response.csv`.
-        circuit: That was fitted.
-        title: Of the picture.
+        table: Table of `response.csv`.
+        circuit: The fitted circuit.
+        title: Title of the picture.
         look: Colours.
     """
     f, columns = table["frequency_Hz"].to_numpy(), list(map(str, table))
@@ -85,7 +85,7 @@ def draw_nyquist(table: Any, circuit: Circuit, title: str, look: Theme) -> Any:
 
 
 def impedance(table: Any) -> Any:
-    """Complex impedance, Mohm, of a table of `response.csv`."""
+    """Complex impedance in a table of `response.csv`, Mohm."""
     (name,) = (n for n in map(str, table) if n.startswith("impedance_Mohm"))
     phase = name.replace("impedance_Mohm", "impedance_phase_deg")
     return table[name].to_numpy() * np.exp(1j * np.radians(table[phase].to_numpy()))

@@ -12,7 +12,7 @@ from dealib.results.sensing import CapacitanceMap
 
 
 def draw(found: CapacitanceMap, title: str) -> Any:
-    """Capacitance and dC/du, one curve a voltage; dots are solved states."""
+    """Draw capacitance and dC/du over displacement, a curve per voltage; dots are solved states."""
     figure, (values, slopes) = plt.subplots(1, 2, figsize=(10, 3.8), layout="constrained")
     colours = plt.get_cmap("viridis")(np.linspace(0.05, 0.85, len(found.sweeps)))
     u = np.linspace(found.low, found.high, 200)

@@ -1,4 +1,4 @@
-"""Tornado pictures of sensitivities."""
+"""Tornado charts of sensitivities."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ _MOST = 15  # bars
 
 
 def draw(table: Any, title: str, look: Theme) -> Any:
-    """A bar for each number that matters, the longest on top; blue to the right, red to the left.
+    """Draw a bar for each number with influence, the longest on top, coloured by its sign.
 
     Args:
-        table: Of `sensitivity.csv`.
-        title: Of the picture.
+        table: Table of `sensitivity.csv`.
+        title: Title of the picture.
         look: Colours.
     """
     names = list(dict.fromkeys(table["quantity"]))

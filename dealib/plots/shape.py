@@ -1,4 +1,4 @@
-"""A stored step, sampled finely for drawing."""
+"""A stored step, sampled for drawing."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from dealib.results.summary import (
     voltages,
 )
 
-_MODE = 0.08  # height of a mode over the length
+_MODE = 0.08  # largest displacement of a drawn mode, as a share of the length
 
 
 def index_of(run: Run, step: int) -> int:
-    """Position among the stored steps of a step of the history (-1 is the last stored one).
+    """Position of a step of the history among the stored steps (-1 is the last stored one).
 
     Raises:
         ConfigError: If its fields are not stored.
@@ -47,7 +47,7 @@ def index_of(run: Run, step: int) -> int:
 
 
 def typical_step(run: Run) -> int:
-    """The stored step of the largest voltage, else of the largest motion."""
+    """The stored step with the largest voltage; without voltages that with the largest motion."""
     _check_stored(run)
     h = run.history
     stored = h["step"].isin(run.stored_steps)
@@ -58,7 +58,7 @@ def typical_step(run: Run) -> int:
 
 
 def step_of(run: Run, what: Quantity) -> int:
-    """The stored step that shows a quantity best: of modes the first that has them."""
+    """The stored step at which a quantity is drawn: for modes the first one that has modes."""
     if what.is_mode:
         for index, step in enumerate(run.stored_steps):
             if run.modes(index) is not None:
@@ -76,13 +76,13 @@ def _check_stored(run: Run) -> None:
 class Shape:
     """The layers of a run at a stored step: its regions that carry stress, from the lowest up.
 
-    In a plane they are sampled between their nodes; in three dimensions the nodes are the points.
+    In a plane they are sampled between their nodes; in three dimensions the points are the nodes.
 
     Args:
         run: The run.
-        step: Step of the history; negative ones count back from the last stored one.
-        n: Parts into which the cells are cut, a side.
-        mode: A field, such as 'mode', which is drawn as a part of the displacement.
+        step: Step of the history; negative numbers count back from the last stored one.
+        n: Parts per side into which cells are divided.
+        mode: Name of a mode, such as 'mode', that is added to the displacement.
     """
 
     def __init__(self, run: Run, step: int = -1, n: int = 4, mode: str = "") -> None:
@@ -108,7 +108,7 @@ class Shape:
 
     @property
     def displacement(self) -> Array:
-        """Nodal displacement by axis, mm; with a mode as high as a share of the length."""
+        """Nodal displacement by axis, (nodes, axes), mm, including the mode if one is drawn."""
         u = self.arrays["u"]
         if self._mode in self.arrays:
             u = u + _MODE * self.length * self.arrays[self._mode]
@@ -130,13 +130,13 @@ class Shape:
 
     @property
     def symmetry(self) -> list[int]:
-        """Numbers of the axes across the planes in which a device in space is mirrored."""
+        """Numbers of the axes normal to the symmetry planes of a device in space."""
         laminate = self.run.config.device.laminate
         return ["XYZ".index(axis) for axis in laminate.symmetry] if self.solid and laminate else []
 
     @property
     def mirrors(self) -> list[Array]:
-        """Maps (3, 3) of the part of a device in space that was solved to all parts."""
+        """Matrices (3, 3) that map the solved part of a device in space to all its parts."""
         found = [np.eye(3)]
         for k in self.symmetry:
             mirror = np.eye(3)
@@ -159,23 +159,23 @@ class Shape:
 
     @property
     def thickness(self) -> float:
-        """Of all layers together on the mesh, mm."""
+        """Thickness of all layers together in the mesh, mm."""
         return float(self.size[self.section.across])
 
     @property
     def length(self) -> float:
-        """Of the layers on the mesh, mm."""
+        """Length of the layers in the mesh, mm."""
         return float(max(np.delete(self.size, self.section.across)))
 
     def values(self, what: Quantity) -> Array:
-        """A quantity at the points; NaN in layers to which it does not belong."""
+        """A quantity at the points, (points,); NaN in layers that do not have it."""
         nodal = what.of(self.arrays)
         ids = [self.mesh.names.index(name) for name in drawn(self.run, what)]
         there = np.isin(self.region, ids)
         return np.where(there, nodal if self.solid else self.strips(nodal), np.nan)
 
     def moved(self, magnification: float = 1.0) -> Array:
-        """Points of the deformed layers, their thickness magnified about the middle."""
+        """Points of the deformed layers, (points, axes), mm, with magnified thickness."""
         u = self.displacement
         x = self.points + (u if self.solid else self.strips(u))
         if magnification == 1:
@@ -190,7 +190,7 @@ class Shape:
 
     @cached_property
     def core(self) -> Strip | None:
-        """The middle one of a laminate's layers in a plane that reach from end to end, if any."""
+        """The middle one of the layers that reach from end to end, for a laminate in a plane."""
         if self.laminate is None:
             return None
         strips = [Strip(self.mesh, name, self.section.across) for name in self.layers]
@@ -199,7 +199,7 @@ class Shape:
 
     @property
     def middle(self) -> tuple[Array, Array]:
-        """Positions along the mesh and deformed ones of the core's middle line, mm."""
+        """The core's middle line: positions along the mesh, (n,), and deformed, (n, 2), mm."""
         assert self.core is not None
         s = self.core.positions
         line = self.core.at(self.mesh.points + self.displacement, s, 0.5)
@@ -207,7 +207,7 @@ class Shape:
 
 
 def _middles(points: Array, x: Array) -> Array:
-    """Middle of the outermost of all points above each other on the mesh, for each of them."""
+    """For each point the middle between the lowest and highest point at its X and Y, (n, 3)."""
     _, column = np.unique(np.round(points[:, :2], 6), axis=0, return_inverse=True)
     order = np.lexsort((points[:, 2], column.ravel()))
     starts = np.flatnonzero(np.diff(column.ravel()[order], prepend=-1))
@@ -224,7 +224,7 @@ def layers(run: Run, across: int) -> tuple[str, ...]:
 
 
 def drawn(run: Run, what: Quantity) -> list[str]:
-    """Regions in which a quantity says something: in conductors there is no field."""
+    """Regions in which a quantity is drawn: conductors, for example, have no field."""
     return [
         name
         for name, material in region_materials(run.config).items()

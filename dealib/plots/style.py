@@ -1,4 +1,4 @@
-"""One look for all pictures: light and dark, colour-blind safe; and where they are saved."""
+"""The style of all pictures, light and dark and colour-blind safe, and how they are saved."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Theme:
         paper: Background.
         ink: Text and axes.
         faint: Grid lines and rigid parts.
-        lines: Colours of curves (after Okabe and Ito, told apart by colour-blind readers).
+        lines: Colours of curves (after Okabe and Ito, for colour-blind readers).
         sequential: Colour map of quantities of one sign.
         diverging: Colour map of quantities of both signs, centred at zero.
     """
@@ -59,13 +59,13 @@ DARK = Theme(
 _COLOUR = re.compile("#[0-9a-f]{6}")
 _DARK = dict(zip((LIGHT.paper, LIGHT.ink, LIGHT.faint, *LIGHT.lines),
                  (DARK.paper, DARK.ink, DARK.faint, *DARK.lines), strict=True))  # fmt: skip
-# none with short dashes only: those mean unstable (see `dealib.plots.branches`)
+# short dashes alone are left out: they mean unstable (see `dealib.plots.branches`)
 DASHES = ("-", "--", (0, (6, 1.5, 1, 1.5, 1, 1.5)), "-.")
 
 
 @contextmanager
 def theme(dark: bool = False) -> Iterator[Theme]:
-    """Draw in the light or the dark theme while it is open; figures are closed at its end."""
+    """Draw in the light or the dark theme within the context; its figures are closed at the end."""
     look = DARK if dark else LIGHT
     settings: dict[Any, Any] = {
         "figure.facecolor": look.paper,
@@ -102,12 +102,12 @@ def theme(dark: bool = False) -> Iterator[Theme]:
 
 
 def darkened(svg: str) -> str:
-    """A picture of the light theme as the dark one draws it."""
+    """An SVG of the light theme in the colours of the dark theme."""
     return _COLOUR.sub(lambda found: _DARK.get(found[0], found[0]), svg)
 
 
 def check_target(path: Path, formats: tuple[str, ...], overwrite: bool) -> None:
-    """Refuse a file that cannot or must not be written, before any work is done.
+    """Refuse a target file before any work is done, if it cannot or must not be written.
 
     Raises:
         ConfigError: If the suffix is unknown, the folder is missing or the file exists.
@@ -122,12 +122,12 @@ def check_target(path: Path, formats: tuple[str, ...], overwrite: bool) -> None:
 
 
 def save(figure: Any, target: Path | IO[bytes], kind: str | None = None, dpi: int = 150) -> None:
-    """Save a figure, to a path whole or not at all; its suffix chooses the format.
+    """Save a figure; a file is written completely or not at all, in the format of its suffix.
 
     Raises:
         PlatformError: If the disk refuses.
     """
-    if isinstance(target, Path):  # in memory: backends do not survive a disk that is full
+    if isinstance(target, Path):  # rendered in memory, since backends fail badly on a full disk
         data = io.BytesIO()
         save(figure, data, target.suffix[1:].lower(), dpi)
         write_bytes(target, data.getvalue())

@@ -1,4 +1,4 @@
-"""The surface of a device in space as triangles that stay the same from step to step."""
+"""The surface of a device in space as triangles, the same ones at all steps."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from dealib.results.elements import Array, Cell, Ints
 from dealib.results.sampling import reference_grid
 
 _TURN = 0.75 * 2 * np.pi  # of a body of revolution; the open quarter shows the section
-_FEWEST, _MOST_COPIES = 16, 60  # parts of that turn
+_FEWEST, _MOST_COPIES = 16, 60  # least and largest number of parts of that turn
 
 
 @dataclass(frozen=True)
 class Patch:
-    """Triangles between copies of points of a device: mirrored ones, or turned ones.
+    """Triangles between mirrored or turned copies of a device's points.
 
     Attributes:
-        nodes: Numbers of the shape's points, (n,).
-        maps: Of each copy, (copies, 3, axes): its points in space are the map times the points.
-        triangles: Corners, (triangles, 3); number copy * n + k is that of the k-th point's copy.
-        left_out: Triangles that were too many.
+        nodes: Indices of the shape's points, (n,).
+        maps: Matrix of each copy, (copies, 3, axes), that maps the points to space.
+        triangles: Corners, (triangles, 3); the index copy * n + k is the k-th point of a copy.
+        left_out: Number of triangles that were left out by thinning.
     """
 
     nodes: Ints
@@ -33,13 +33,13 @@ class Patch:
 
 
 def patches(shape: Shape, names: Sequence[str], opened: bool, most: int) -> list[Patch]:
-    """The surface of some layers, all of their symmetric parts.
+    """The surface of some layers, with all of their symmetric parts.
 
     Args:
         shape: A device in space, or a body of revolution.
-        names: The layers.
-        opened: Whether half of it is left out, to show what lies below.
-        most: Triangles, about.
+        names: Names of the layers.
+        opened: Whether half of the surface is left out, to show what lies below.
+        most: Approximate largest number of triangles.
     """
     return (_of_solid if shape.solid else _of_section)(shape, names, opened, most)
 
@@ -96,7 +96,7 @@ def _faces(cell: Cell) -> tuple[Ints, Ints]:
 
 
 def _of_section(shape: Shape, names: Sequence[str], opened: bool, most: int) -> list[Patch]:
-    """The outline turned about the axis, and the section where it begins and ends."""
+    """The outline turned about the axis, and the section at both ends of the turn."""
     points, region = shape.points, shape.region
     ids = [shape.mesh.names.index(name) for name in names]
     places = np.round(points / (np.ptp(points, axis=0).max() or 1.0), 9)
@@ -131,9 +131,9 @@ def _of_section(shape: Shape, names: Sequence[str], opened: bool, most: int) -> 
 
 
 def _thinned(points: Array, region: Ints, triangles: Ints, most: int) -> Ints:
-    """At most so many triangles: corners of a region that are near each other become one of them.
+    """Reduce the number of triangles by merging corners of a region that are near each other.
 
-    So values and motion stay those of points of the shape.
+    The corners that remain are points of the shape, so that their values and motion are exact.
     """
     used = np.unique(triangles)
     mine, which = points[used], np.searchsorted(used, triangles)

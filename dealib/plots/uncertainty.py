@@ -1,4 +1,4 @@
-"""Pictures of uncertain quantities: how they scatter, and why."""
+"""Pictures of uncertain quantities: their distributions and Sobol indices."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ _BARS = 12  # Sobol indices of a quantity
 
 
 def draw(samples: Any, summary: Any, sobol: Any, title: str, look: Theme) -> Any:
-    """A row a quantity: its samples with the quantiles, and its Sobol indices with their errors.
+    """Draw a row per quantity: a histogram with quantiles, and Sobol indices with their errors.
 
     Args:
-        samples: Of `samples.csv`.
-        summary: Of `summary.csv`.
-        sobol: Of `sobol.csv`.
-        title: Of the picture.
+        samples: Table of `samples.csv`.
+        summary: Table of `summary.csv`.
+        sobol: Table of `sobol.csv`.
+        title: Title of the picture.
         look: Colours.
     """
     names = list(dict.fromkeys(sobol["quantity"]))

@@ -1,4 +1,4 @@
-"""Views in space: of a device that is solved there, and of a body of revolution."""
+"""Views in space of devices in three dimensions and of bodies of revolution."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from dealib.errors import ConfigError
-from dealib.plots.contours import Scale, contours, magnification, scale
+from dealib.plots import contours
+from dealib.plots.contours import Scale, magnification, scale
 from dealib.plots.crests import TURN, lines, note, peel
 from dealib.plots.labels import plain
 from dealib.plots.render import PIXELS, Bodies, check_rendering, picture
@@ -18,24 +19,20 @@ from dealib.results.elements import Array
 from dealib.results.quantities import Quantity
 from dealib.results.sampling import Sampler
 
-_PLAIN_ANGLE = 60.0  # degrees of what hides what is drawn
+_PLAIN_ANGLE = 60.0  # degrees by which layers without values are turned, to show those below
 CONDUCTORS, _RIGID = "#3b3f52", "#8a939d"  # layers without a field; mount and frame
 
 
 def draw_field(shape: Shape, what: Quantity, look: Theme) -> Any:
-    """Draw a quantity on a device: contours in a plane, views of one in space.
+    """Draw a quantity on a device as a figure: contours in a plane, views in three dimensions.
 
-    Wrinkles of a body of revolution have directions out of its section: they are drawn in space.
+    Wrinkles of a body of revolution are drawn in space, since their crests leave the section.
     """
     if shape.kinematics.revolved and what.field == "wrinkling":
         return draw_revolved(shape, what, look)
-    return (draw_solid if shape.solid else contours)(shape, what, look)
-
-
-def draw_solid(shape: Shape, what: Quantity, look: Theme) -> Any:
-    """Draw a device in space at one step, as a figure of its own (see `fill`)."""
-    figure = plt.figure(figsize=(13, 5.2), layout="constrained")
-    fill(figure, shape, what, look)
+    size, draw = ((13, 5.2), fill) if shape.solid else ((12, 8), contours.fill)
+    figure = plt.figure(figsize=size, layout="constrained")
+    draw(figure, shape, what, look)
     figure.suptitle(plain(f"{shape.run.title}, {shape.when}"), fontsize="medium")
     return figure
 
@@ -47,9 +44,9 @@ def fill(
     look: Theme,
     limits: tuple[float, float] | None = None,
 ) -> None:
-    """Draw a device in space into a figure or a part of one.
+    """Draw a deformed device in space into a figure or subfigure.
 
-    It is deformed, half of its conductors taken off; and cut.
+    The left view shows it with half of its conductors removed, the right one cut in half.
 
     Raises:
         PlatformError: If the machine cannot render.
@@ -78,18 +75,18 @@ def _half(every: Bodies) -> Bodies:
 
 
 def _opened(every: Bodies) -> Bodies:
-    """Bodies of which those without values cover one half only."""
+    """The bodies with values, and one half of those without."""
     return [part for part in every if not part[1]] + [part for part in _half(every) if part[1]]
 
 
 def bodies(shape: Shape, what: Quantity, x: Array, values: Array) -> Bodies:
-    """The layers of a device in space, all of its symmetric parts.
+    """The layers of a device in space, with all of its symmetric parts.
 
     Args:
         shape: The device.
-        what: The quantity, of which components change their sign in a mirror.
-        x: Its points.
-        values: Values there; NaN where there are none.
+        what: The quantity; some of its components change their sign when mirrored.
+        x: Positions of the points, (points, 3), mm.
+        values: Values at the points, (points,); NaN where there are none.
     """
     import pyvista as pv
 
@@ -114,22 +111,22 @@ def bodies(shape: Shape, what: Quantity, x: Array, values: Array) -> Bodies:
 
 
 def within(shape: Shape, low: Array, high: Array) -> list[float]:
-    """Bounds of all symmetric parts, for `picture`, from those of the part that was solved."""
+    """Bounds of all symmetric parts for `picture`, from those of the solved part, mm."""
     ends = np.stack([low, high])
     reached = np.concatenate([ends @ one for one in shape.mirrors])
     return np.stack([reached.min(axis=0), reached.max(axis=0)], axis=1).ravel().tolist()
 
 
 class Scene:
-    """A device in space in axes of a figure, which can be moved.
+    """A picture of a device in space that can be moved.
 
     Args:
-        axis: The axes.
+        axis: Axes to draw into.
         shape: The device.
         what: The quantity.
-        colours: Of its values.
+        colours: Colour scale of the values.
         look: The theme.
-        span: Lowest and highest coordinates along the axes that it reaches.
+        span: Lowest and highest coordinates that the device reaches, (3,) each, mm.
     """
 
     def __init__(
@@ -148,7 +145,7 @@ class Scene:
         axis.set_axis_off()
 
     def move(self, x: Array, values: Array) -> None:
-        """Put the points elsewhere, with new values."""
+        """Move the points to x, (points, 3), and colour them by new values, (points,)."""
         seen = _opened(bodies(*self._of, x, values))
         self._image.set_data(picture(seen, *self._style, self._within))
 
@@ -160,7 +157,7 @@ def draw_revolved(shape: Shape, what: Quantity, look: Theme) -> Any:
     """Draw three quarters of a body of revolution, each layer peeled off the one below it.
 
     Raises:
-        ConfigError: If the device is none.
+        ConfigError: If the device is no body of revolution.
         PlatformError: If the machine cannot render.
     """
     if not shape.kinematics.revolved:
@@ -179,7 +176,7 @@ def draw_revolved(shape: Shape, what: Quantity, look: Theme) -> Any:
 
 
 def _turned(shape: Shape, values: Array) -> Bodies:
-    """The layers, and discs for what holds the ends of a flat laminate."""
+    """The layers, and grey discs for mount and frame at the ends of a flat laminate."""
     factor = magnification(shape)
     moved, start = shape.moved(factor), 0
     seen, found, step = False, [], peel(shape)

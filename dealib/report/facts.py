@@ -37,7 +37,7 @@ _SMALLER = {"mm": "µm", "MPa": "kPa"}
 
 
 def text(value: Any) -> str:
-    """A value of the config for the eye: '0.03 mm' is '30 µm'."""
+    """A value of the config as text for the page: '0.03 mm' becomes '30 µm'."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
@@ -60,7 +60,7 @@ def text(value: Any) -> str:
 
 
 def rows(section: BaseModel) -> Rows:
-    """Name and value of what a section of the config says."""
+    """Names and values of the keys in a section of the config."""
     given = section.model_dump(exclude_none=True)
     given = {k: given[k] for k in sorted(given, key=lambda k: k != "law")}  # the law comes first
     return [(_words(k), text(v)) for k, v in given.items() if v != ()]
@@ -90,7 +90,7 @@ def device(config: Config) -> dict[str, Rows]:
 
 
 def _layers(laminate: Laminate) -> Rows:
-    """The layers from the lowest up; alike ones together where there are many."""
+    """The layers from the lowest up; if there are many, equal ones are counted."""
     told = [
         f"{layer.material}, {text(write(layer.thickness, 'length'))}"
         + (", on a part of the base" if layer.within is not None else "")
@@ -120,7 +120,7 @@ def program(config: Config) -> list[dict[str, str]]:
 
 
 def _timed(stage: Stage) -> bool:
-    """Whether its duration is time: neither of the pre-strain nor of a path."""
+    """Whether the stage has a duration: neither the pre-strain nor a followed branch has one."""
     return stage.stage != "prestrain" and stage.follow is None
 
 
@@ -140,7 +140,7 @@ def _inputs(stage: Stage) -> str:
 
 
 def headline(run: Run) -> list[tuple[str, str]]:
-    """The figures that matter most, value first."""
+    """The most important figures, as (value, name)."""
     h, known = run.history, columns(run.config)
     there = [c for c in known.values() if c.name in h]
     moves = [*motion(run)[:1], *(c.name for c in there if c.probe)]
@@ -162,7 +162,7 @@ def _range(history: Any, column: Column) -> tuple[str, str]:
 
 
 def margins(run: Run) -> list[tuple[str, str, str]]:
-    """Extreme values that decide whether a device lives, and when they occur."""
+    """Extreme values of field, stretch and voltage, and when they occur."""
     h = run.history
     found = []
     for name, values, unit, largest in (
@@ -233,14 +233,14 @@ def _share_told(run: Run) -> str:
 
 
 def solution(run: Run) -> Rows:
-    """Unknowns, iterations and increments cut."""
+    """Numbers of unknowns, steps and iterations."""
     h, info = run.history, run.info
     program, taken = run.config.program, len(h) - 1
     planned = sum(s.steps * s.cycles for s in program if s.stage != "prestrain")
     iterations = h["newton_iterations"][1:]
     found = [("Unknowns", f"{info['unknowns']:,}".replace(",", " "))] if "unknowns" in info else []
     if any(s.follow is not None for s in program):
-        found.append(("Steps", f"{taken}; a branch takes as many as it turns out to need"))
+        found.append(("Steps", f"{taken}; the number of steps along a branch is not planned"))
     else:
         found.append(("Steps", f"{taken} of {planned} planned"))
         found.append(("Further steps: increments cut, corners of inputs", str(_further(run))))
@@ -267,7 +267,7 @@ def _further(run: Run) -> int:
 
 
 def warnings(run: Run) -> list[str]:
-    """What a reader must know before trusting the page."""
+    """Warnings about the run, its energy balance and its stored fields."""
     info = run.info
     found = [str(w) for w in info.get("warnings", [])]
     if info["status"] != "done":
@@ -283,7 +283,7 @@ def warnings(run: Run) -> list[str]:
             f"The energy balance closes to {_share_told(run)} only: the trapezoidal rule between "
             "the steps is coarse; more steps make it smaller."
         )
-    with suppress(ConfigError):  # damaged states: where their pictures are drawn, it is told
+    with suppress(ConfigError):  # damaged states are reported where their pictures are drawn
         if not run.stored_steps:
             found.append("No fields are stored (output.fields: none), so there are no pictures.")
         elif told := stored_note(run):

@@ -1,4 +1,4 @@
-"""The pictures of a report, each light and dark, as data URIs."""
+"""The pictures of a report, each in a light and a dark version, as data URIs."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def both(draw: Callable[[Theme], Any], kind: str) -> Picture:
     """Draw a figure in both themes.
 
     Args:
-        draw: Returns a figure.
+        draw: Function that draws a figure in a theme.
         kind: 'svg' or 'png'.
     """
     found: list[bytes] = []
@@ -57,7 +57,7 @@ def both(draw: Callable[[Theme], Any], kind: str) -> Picture:
 
 
 def pictures(run: Run) -> tuple[dict[str, Picture], list[str]]:
-    """All pictures that the run has data for, and which of these cannot be had."""
+    """The pictures of a run by name, and messages about those that cannot be drawn."""
     energies = [name for name in columns(run.config) if split(name)[1] == "mJ"]
     energies = [name for name in energies if name in run.history]
     found = {
@@ -77,14 +77,14 @@ def pictures(run: Run) -> tuple[dict[str, Picture], list[str]]:
 
 
 def shown(run: Run) -> list[Quantity]:
-    """Fields that are drawn: the electric one, and stresses along the layers and across them."""
+    """Fields of the report: the electric field, and the stresses along and across the layers."""
     device, section = run.config.device, Section(run)
     names = [main_stress(device), f"S_{2 * device.kinematics.axes[section.across]}"]
     return [quantity(name, device.kinematics) for name in dict.fromkeys(["E", *names])]
 
 
 def turned(run: Run) -> list[Quantity]:
-    """Fields that the interactive view offers, the first of which it shows at first."""
+    """Fields of the interactive view; the first one is shown at first."""
     charged = bool(under_voltage(run.history).any()) and not stored_note(run)
     field, *stresses = shown(run)
     crests, u = (quantity(name, run.config.device.kinematics) for name in ("wrinkling", "u"))
@@ -111,7 +111,7 @@ def _fields(run: Run) -> dict[str, Picture]:
 
 
 def _wrinkles(run: Run) -> dict[str, Picture]:
-    """Of a tension field, where the picture of the electric field is, too."""
+    """Wrinkles of a tension field, at the step at which the electric field is drawn."""
     if run.config.physics.wrinkling != "tension_field" or not run.stored_steps:
         return {}
     shape = Shape(run, typical_step(run))

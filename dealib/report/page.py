@@ -7,16 +7,14 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
 from dealib.errors import ConfigError, PlatformError
-from dealib.report import css, facts, figures, space
+from dealib.report import facts, figures, rendered, space
 from dealib.results.reader import Run
 from dealib.results.summary import margins
 
 
 def _captions(run: Run) -> dict[str, str]:
-    """What the pictures of fields show, by name."""
+    """Captions of the pictures of fields, by name."""
     found = {}
     with suppress(ConfigError):  # damaged states, which have no pictures
         for q in figures.shown(run):
@@ -29,7 +27,7 @@ def _captions(run: Run) -> dict[str, str]:
 
 
 def _view(run: Run) -> dict[str, Any]:
-    """The interactive view in space, where there is one, with what draws it."""
+    """The data of the interactive view in space, if there is one, and the scripts that draw it."""
     found = space.view(run, figures.turned(run))
     if not found:
         return {"space": {}}
@@ -38,18 +36,11 @@ def _view(run: Run) -> dict[str, Any]:
 
 
 def render(run: Run) -> str:
-    """The page.
+    """The page as HTML.
 
     Raises:
         ConfigError: If no step has converged.
     """
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     config, info = run.config, run.info
     pictures, lost = figures.pictures(run)
     view: dict[str, Any] = {"space": {}}
@@ -58,7 +49,6 @@ def render(run: Run) -> str:
     except (ConfigError, PlatformError) as error:
         lost.append(f"{error}; the interactive view is left out.")
     page: dict[str, Any] = {
-        "css": css(),
         "run": info,
         "title": run.title,
         "status": run.status,
@@ -80,4 +70,4 @@ def render(run: Run) -> str:
         "version": version("dealib"),
         **view,
     }
-    return environment.get_template("page.html.j2").render(page)
+    return rendered(Path(__file__).parent, **page)

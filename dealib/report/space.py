@@ -41,14 +41,14 @@ def library() -> str:
 
 
 def view(run: Run, whats: Sequence[Quantity]) -> dict[str, Any]:
-    """What the page's script draws; empty for a device in a plane, and without stored steps.
+    """The data that the page's script draws; empty for devices in a plane or without stored steps.
 
-    Coordinates and values are numbers of 16 bits between the ends that are given with them.
+    Coordinates and values are 16-bit numbers between the ends that are given with them.
 
     Args:
         run: The run.
-        whats: Quantities, the first of which is shown at first; all of them are the same in a
-            mirror.
+        whats: Quantities, the first of which is shown at first; their values must not change sign
+            when mirrored.
     """
     device = run.config.device
     if not run.stored_steps or not (device.kinematics.dim == 3 or device.kinematics.revolved):
@@ -97,7 +97,10 @@ def _shape(run: Run, step: int) -> Shape:
 
 
 def _parts(shape: Shape, whats: Sequence[Quantity]) -> list[tuple[bool, list[Patch]]]:
-    """Whether a part is of conductors, of which half is left out, and its surface."""
+    """The surfaces of films and of conductors, each with whether it is of conductors.
+
+    Half of the conductors' surface is left out, so that the films below are seen.
+    """
     films = set(_dielectrics(shape))
     found = []
     for conductor in (False, True):
@@ -117,7 +120,7 @@ def _dielectrics(shape: Shape) -> list[str]:
 
 
 def _chosen(run: Run, typical: int, most: int) -> list[int]:
-    """Stored steps at about equal distances, with the first, the last and the typical one."""
+    """Stored steps at about equal intervals, with the first, the last and the typical one."""
     steps = run.stored_steps
     if len(steps) <= most:
         return steps
@@ -139,7 +142,7 @@ def _box(every: Sequence[Patch], moved: Array) -> list[list[float]]:
 
 
 def coloured(shape: Shape, what: Quantity, values: Array) -> dict[str, Any]:
-    """Its name, and the colours that the other pictures have."""
+    """Name, unit and colour scale of a quantity, with the colours of the other pictures."""
     colours, there = scale(shape, values, LIGHT, what), values[np.isfinite(values)]
     shades = colormaps[colours.cmap](np.linspace(0, 1, _COLOURS))
     label, _, component = what.label.partition(f" {what.name[0]}$")

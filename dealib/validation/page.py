@@ -8,10 +8,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from dealib.report import css
+from dealib.report import rendered
 from dealib.validation.rows import OUTSIDE, SKIPPED, WITHIN, Row
 from dealib.validation.suite import Found
 
@@ -47,22 +46,15 @@ def page(
     versions: str,
     code: str = "dealib",
 ) -> str:
-    """The page.
+    """The page as HTML.
 
     Args:
         found: The benchmarks.
         shown: The rows that are judged.
         pictures: SVG of curves, by the name of the benchmark.
-        versions: Of what computed the numbers.
-        code: Whose numbers are judged.
+        versions: Versions of the software that computed the numbers.
+        code: Name of the code whose numbers are judged.
     """
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     own = {row.key: row.value for one in found for row in one.rows}
     entries: list[dict[str, Any]] = []
     for one in found:
@@ -71,8 +63,8 @@ def page(
         if rows:
             picture = Markup(pictures.get(given.name, ""))
             entries.append({"given": given, "rows": rows, "picture": picture, "good": good(rows)})
-    return environment.get_template("page.html.j2").render(
-        css=css(),
+    return rendered(
+        Path(__file__).parent,
         entries=entries,
         kinds=[k for k in KINDS if any(e["given"].kind == k for e in entries)],
         words=KINDS,
