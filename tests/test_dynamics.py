@@ -422,6 +422,7 @@ def test_a_resumed_run_goes_on_moving(tmp_path):
     assert whole.history["kinetic_energy_mJ"].iloc[-1] == 0
 
 
+@pytest.mark.once
 @pytest.mark.mpi
 def test_two_ranks_move_alike(tmp_path):
     given = moving(damping__stiffness="10 us")

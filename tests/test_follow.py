@@ -127,6 +127,7 @@ def test_the_program_goes_on_from_the_end_of_a_branch():
 SMALL = {"mesh__columns": 12, "mesh__film_rows": 1}
 
 
+@pytest.mark.once
 def test_resume_anywhere_on_a_branch(tmp_path):
     """Rounding moves the direction by 5e-9 (state by 1e-15), and so all that follows the fold."""
     whole = dealib.simulate(case("snap_through", **SMALL), tmp_path / "whole")

@@ -385,6 +385,7 @@ def test_resume_after_a_stage_that_was_ended(tmp_path):
     assert part.info["margins"] == whole.info["margins"]
 
 
+@pytest.mark.once
 def test_the_table_says_how_much_where_and_when(tmp_path):
     run = dealib.simulate(case("margins", limits__breakdown_strength="95 MV/m"), tmp_path / "run")
     h, found = run.history, run.info["margins"]
@@ -431,6 +432,7 @@ def test_the_table_says_how_much_where_and_when(tmp_path):
     assert done.exit_code == 2 or "sets no limit" in str(done.exception)
 
 
+@pytest.mark.once
 def test_curves_are_red_beyond_a_limit(tmp_path):
     from dealib.plots import limits, style
     from dealib.plots.curves import curves

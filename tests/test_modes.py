@@ -509,6 +509,7 @@ def test_nothing_flows_through_openings_within_a_period():
     assert slow[0] > 1.1 * frequencies(None)[0]  # than at a given pressure
 
 
+@pytest.mark.once
 @pytest.mark.mpi
 def test_on_two_ranks_as_on_one(small, tmp_path):
     tables = []

@@ -579,6 +579,7 @@ def test_what_it_refuses(small, options, said):  # noqa: F811
     assert said in str(done.exception)
 
 
+@pytest.mark.once
 @pytest.mark.mpi
 def test_on_two_ranks_as_on_one(tmp_path):
     tables = []

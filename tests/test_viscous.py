@@ -363,6 +363,7 @@ def test_resume_goes_on_as_if_never_stopped(run, tmp_path, stop):
     assert_same(dealib.simulate(case(), tmp_path / "run", resume=True), run)
 
 
+@pytest.mark.once
 @pytest.mark.mpi
 @pytest.mark.slow
 def test_resume_on_two_ranks(run, tmp_path):
