@@ -23,6 +23,7 @@ from dealib.results.summary import alarms, margins
 from dealib.results.thickness import Columns, edges
 from dealib.units import EPSILON_0
 
+pytestmark = pytest.mark.once  # of stresses in numpy, and conditions of a program
 SMALL = CONFIGS.parent / "tests" / "small.yaml"
 
 
@@ -385,7 +386,6 @@ def test_resume_after_a_stage_that_was_ended(tmp_path):
     assert part.info["margins"] == whole.info["margins"]
 
 
-@pytest.mark.once
 def test_the_table_says_how_much_where_and_when(tmp_path):
     run = dealib.simulate(case("margins", limits__breakdown_strength="95 MV/m"), tmp_path / "run")
     h, found = run.history, run.info["margins"]
@@ -432,7 +432,6 @@ def test_the_table_says_how_much_where_and_when(tmp_path):
     assert done.exit_code == 2 or "sets no limit" in str(done.exception)
 
 
-@pytest.mark.once
 def test_curves_are_red_beyond_a_limit(tmp_path):
     from dealib.plots import limits, style
     from dealib.plots.curves import curves
