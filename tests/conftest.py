@@ -24,6 +24,34 @@ from dealib.results.margins import Film, mounted_fresh
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 CONFIGS = Path(__file__).parent.parent / "configs"
+QUEUE = os.environ.get("DEALIB_TEST_QUEUE")  # a folder that suites side by side share
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What one suite of several runs comes last: whichever is ready takes the next file of it."""
+    if QUEUE:
+        items.sort(key=_once)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    if QUEUE and _once(item) and not _taken(item.path.stem):
+        pytest.skip("runs in the suite beside this one")
+
+
+def _once(item: pytest.Item) -> bool:
+    return item.get_closest_marker("once") is not None
+
+
+@functools.cache
+def _taken(name: str) -> bool:
+    """Whether this suite is the first to ask for a file."""
+    try:
+        Path(str(QUEUE), name).mkdir()
+    except FileExistsError:
+        return False
+    return True
 
 
 def case(name: str, **changes: object) -> dealib.Case:

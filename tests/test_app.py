@@ -23,6 +23,7 @@ from dealib.app.solving import CHECK, FULL, QUICK, Session, sliders
 from dealib.config import load
 from dealib.errors import ConfigError
 
+pytestmark = pytest.mark.once  # pages
 CONFIGS = Path(__file__).parents[1] / "configs"
 DEAP = CONFIGS / "deap100.yaml"
 THICKNESS = "geometry.film_thickness"
@@ -91,7 +92,6 @@ def session():
 
 
 @browser
-@pytest.mark.once
 def test_the_page_follows_its_sliders(tmp_path, session):
     (tmp_path / "deap100-app-1.yaml").write_text("kept\n")
     (slider,) = session.sliders
@@ -147,7 +147,6 @@ def test_the_page_follows_its_sliders(tmp_path, session):
 
 
 @browser
-@pytest.mark.once
 def test_a_run_is_viewed(strip_run, tmp_path):
     with (
         page(tmp_path, "view", strip_run.directory) as shown,

@@ -16,6 +16,7 @@ from dealib.__main__ import main
 from dealib.config import load
 from dealib.errors import ConfigError
 
+pytestmark = pytest.mark.once  # refused before dolfinx is asked
 ROOT = Path(__file__).parent.parent
 
 BASE = """\
@@ -733,7 +734,6 @@ def test_unreadable_file(tmp_path, monkeypatch):
     assert caught.value.exit_code == 2
 
 
-@pytest.mark.once
 def test_light_commands_import_nothing_heavy():
     """`check`, `schema` and `--help` import no dolfinx, pandas, matplotlib, and are quick.
 

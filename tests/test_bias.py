@@ -22,6 +22,7 @@ from dealib.program.inputs import Drive, drives, law
 from dealib.program.progress import Progress
 from dealib.units import GRAVITY
 
+pytestmark = pytest.mark.once  # laws of ports, beside which the equations are the same
 NEGATIVE, CONE = "bias_negative_rate", "bias_double_cone"
 POINTS = {
     "displacement": ("-2 mm", "-1 mm", "1 mm", "2 mm"),

@@ -36,11 +36,13 @@ def table(path):
         return list(csv.reader(file))[1:]
 
 
+@pytest.mark.once
 def test_synthetic_data_are_what_they_say():
     for name, text in texts().items():
         assert (FITS / name).read_text() == text
 
 
+@pytest.mark.once
 def test_example_finds_the_true_values(tmp_path, monkeypatch, capsys):
     fit, out, cache = FITS / "example.yaml", tmp_path / "fit", tmp_path / "cases"
     code, said, _ = call(monkeypatch, capsys, fit, "--out", out, "-j", 2, cache=cache)
@@ -198,6 +200,7 @@ def test_exact_data_give_the_exact_values(tmp_path):
     assert fitted.points == 20
 
 
+@pytest.mark.once
 def test_intervals_hold_as_often_as_they_say(tmp_path):
     """Linear least squares: 95 % intervals contain the truth in about 95 of 100 fits."""
     inside = [
@@ -300,6 +303,7 @@ def test_time_is_no_curve_beside_another_abscissa(tmp_path):
     assert [e.value for e in found.estimates] == pytest.approx([2, 3], rel=1e-6)
 
 
+@pytest.mark.once
 def test_intervals_hold_with_noise_in_both_columns(tmp_path):
     """Orthogonal distances: 60 intervals of 95 %; with an exact abscissa they would be biased."""
     text = FIT.replace("{force: 10 mN}", "{force: 10 mN, displacement: 20 um}")

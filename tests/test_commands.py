@@ -6,6 +6,8 @@ from conftest import CONFIGS
 
 import dealib
 
+pytestmark = pytest.mark.once  # texts and files
+
 
 @pytest.fixture
 def command(program):

@@ -271,6 +271,7 @@ def assert_inside(found, true, width):
         assert 0 < error < width * abs(value), key
 
 
+@pytest.mark.once
 def test_example_finds_law_and_values(tmp_path, monkeypatch, capsys):
     for file in FITS.glob("*"):
         shutil.copy(file, tmp_path)
@@ -313,6 +314,7 @@ def test_example_finds_law_and_values(tmp_path, monkeypatch, capsys):
     assert not (tmp_path / "other").exists()
 
 
+@pytest.mark.once
 def test_rates_find_branches_and_their_number():
     fitted = fit(FITS / "coupon_rates.yaml")
     assert "neo_hookean, 2 branches is the best of 5 candidates by AICc." in fitted.notes
@@ -328,6 +330,7 @@ def test_rates_find_branches_and_their_number():
     assert all(c.r2 > 0.998 for (c,) in fitted.found.comparisons)
 
 
+@pytest.mark.once
 def test_cycles_find_softening_and_set(tmp_path):
     fitted = fit(FITS / "coupon_cycles.yaml")
     assert "yeoh, mullins, permanent set is the best of 5 candidates by AICc." in fitted.notes
@@ -365,6 +368,7 @@ def gent_trial(folder, seed, noise=0.005):
     return fit(folder / "trial.yaml").found
 
 
+@pytest.mark.once
 @pytest.mark.slow
 def test_truth_lies_in_the_intervals_in_95_of_100_trials_with_noise_in_x_and_y(tmp_path):
     """Two parameters, 100 trials: 190 of 200 expected, with a standard deviation of 3."""

@@ -467,6 +467,7 @@ def message(tmp_path: Any, text: str, files: dict[str, str] | None = None) -> li
     return [line.removeprefix(f"{path}:") for line in str(caught.value).splitlines()]
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(("old", "new", "expected", "at"), [e[1:] for e in EDITS],
                          ids=[e[0] for e in EDITS])  # fmt: skip
 def test_wrong_devices_are_told(tmp_path, old, new, expected, at):
@@ -489,6 +490,7 @@ def test_a_mount_that_a_force_or_a_spring_holds(tmp_path):
         list(dealib.Simulation(dealib.load(path)))
 
 
+@pytest.mark.once
 def test_messages_of_a_run_count_overrides(tmp_path):
     """What was wrong in an override is told as such."""
     path = tmp_path / "case.yaml"

@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 from conftest import CONFIGS
 
+pytestmark = pytest.mark.once  # where code stands
 LAW = '''\
 class Quadratic(Law):
     """W = G/2 (I1 - 3) (1 + b (I1 - 3)) + kappa/2 (J - 1)^2."""

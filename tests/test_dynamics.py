@@ -343,6 +343,7 @@ def test_waves():
     assert decay.at(2e-3, 1.0) == pytest.approx(3 - 2 * np.exp(-1))
 
 
+@pytest.mark.once
 def test_a_measured_drive(tmp_path):
     """From a file, and from where the port is in the first step."""
     (tmp_path / "drive.csv").write_text("time [ms];voltage [V]\n0;500\n10;1500\n20;0\n")
@@ -364,6 +365,7 @@ def test_a_measured_drive(tmp_path):
 # --- what it refuses, remembers and shares -------------------------------------------------------
 
 
+@pytest.mark.once
 def test_what_moves_needs_a_density():
     moving = "[{stage: move, dynamic: true}]"
     with pytest.raises(ConfigError, match=r"materials.electrode.density: this key is missing"):
@@ -422,6 +424,7 @@ def test_a_resumed_run_goes_on_moving(tmp_path):
     assert whole.history["kinetic_energy_mJ"].iloc[-1] == 0
 
 
+@pytest.mark.once
 @pytest.mark.mpi
 def test_two_ranks_move_alike(tmp_path):
     given = moving(damping__stiffness="10 us")

@@ -12,6 +12,7 @@ import pytest
 from dealib import files
 from dealib.errors import PlatformError
 
+pytestmark = pytest.mark.once  # how files are written
 HERE = Path(__file__).parent
 ROOT = HERE.parent
 SMALL = HERE / "small.yaml"

@@ -24,6 +24,7 @@ from dealib.export.fmu import write_fmu
 from dealib.program.tables import tables_case
 from dealib.results.tables import Tables, collect
 
+pytestmark = pytest.mark.once  # C code, from stored tables
 STRIP = Path(__file__).parent / "viscous.yaml"
 GRID = {"tables.displacement": "[0 mm, -2.5 mm]", "tables.voltage": "[0 V, 3 kV]"}
 HEAVY = {"materials.film.density": "960 kg/m^3", "materials.electrode.density": "1100 kg/m^3"}

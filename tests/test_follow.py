@@ -127,6 +127,7 @@ def test_the_program_goes_on_from_the_end_of_a_branch():
 SMALL = {"mesh__columns": 12, "mesh__film_rows": 1}
 
 
+@pytest.mark.once
 def test_resume_anywhere_on_a_branch(tmp_path):
     """Rounding moves the direction by 5e-9 (state by 1e-15), and so all that follows the fold."""
     whole = dealib.simulate(case("snap_through", **SMALL), tmp_path / "whole")
@@ -231,6 +232,7 @@ def test_stops_where_it_is_told():
     assert (h["stage"] == "branch").sum() == 3
 
 
+@pytest.mark.once
 def test_a_branch_that_never_comes_to_its_end_is_told(caplog):
     """At a constant charge the voltage falls as the film is stretched: it cannot rise to 3 kV."""
     program = (
@@ -313,6 +315,7 @@ def run(tmp_path_factory):
     return dealib.simulate(case("snap_through", **SMALL), directory)
 
 
+@pytest.mark.once
 def test_limit_points_are_told(run):
     first, second = critical_points(run)
     assert first.name == "limit voltage (pull-in)"
@@ -330,6 +333,7 @@ def test_limit_points_are_told(run):
     assert "limit point of voltage in “branch”" in page
 
 
+@pytest.mark.once
 def test_the_report_tells_what_is_followed(run):
     """In the table of the load program."""
     *_, row = facts.program(run.config)
@@ -338,6 +342,7 @@ def test_the_report_tells_what_is_followed(run):
     assert count == f"{len(run.history) - 1}; a branch takes as many as it turns out to need"
 
 
+@pytest.mark.once
 def test_limit_points_of_stages_of_one_name(run):
     """Conditions have ended those before the branch, long before their time."""
     first, *others = run.config.program
@@ -352,6 +357,7 @@ def test_limit_points_of_stages_of_one_name(run):
     assert critical_points(like) == [replace(p, stage="s (3)") for p in critical_points(run)]
 
 
+@pytest.mark.once
 def test_a_branch_that_ends_in_its_limit_point_has_nothing_behind_it(run):
     """As with `stop_when: [limit_point > 0]`; what comes next is under another control."""
     end = int(run.history["limit_point"].to_numpy().argmax())
@@ -364,6 +370,7 @@ def test_a_branch_that_ends_in_its_limit_point_has_nothing_behind_it(run):
     assert (point.stage, point.modes) == ("branch", (0, None))
 
 
+@pytest.mark.once
 def test_unstable_parts_are_dashed(run):
     from dealib.plots import style
     from dealib.plots.curves import curves
@@ -383,6 +390,7 @@ def test_unstable_parts_are_dashed(run):
         assert marks.get_xdata().tolist() == folds
 
 
+@pytest.mark.once
 def test_what_is_unstable_and_what_is_beyond_a_limit_can_be_told_apart(run):
     from dealib.plots import style
     from dealib.plots.curves import overview
@@ -410,6 +418,7 @@ def test_what_is_unstable_and_what_is_beyond_a_limit_can_be_told_apart(run):
 HELD = "{stage: hold, mount: {displacement: -1 mm}}"
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ("program", "message"),
     [

@@ -64,6 +64,7 @@ def test_membrane_and_finite_elements_agree_on_the_identified_device(coupling):
     assert thin[-1].charge_density == pytest.approx(full[-1].charge_density, rel=0.01)
 
 
+@pytest.mark.once
 def test_less_pre_stretch_and_a_constant_pressure_make_strokes_fall():
     """Fig. 31's map: both laws, around the identified parameters."""
 
@@ -94,6 +95,7 @@ def test_configs_hold_the_identified_values(name):
     assert film.relative_permittivity == pytest.approx(p.permittivity, abs=5e-3)
 
 
+@pytest.mark.once
 def test_report_counts_what_the_table_says():
     rows = table("window")
     fitted = [w for w in WINDOWS if w.fitted]
@@ -110,6 +112,7 @@ def test_report_counts_what_the_table_says():
     assert f"{held} of {len(fitted)} windows hold, {len(met)} of {len(hard)} constraints" in report
 
 
+@pytest.mark.once
 def test_fig_37_needs_more_pre_stretch_in_the_largest_device():
     """One displacement strains a longer strip less: with one film the stress cannot increase."""
     p = identified()

@@ -13,6 +13,8 @@ from dealib.errors import NotConverged
 from dealib.program.increments import Increments, StageClock
 from dealib.program.predictor import Predictor
 
+pytestmark = pytest.mark.once  # how a program goes on
+
 
 class Vector:
     """A number with the methods of a PETSc vector that increments use."""

@@ -6,6 +6,7 @@ from dealib.config.program import MountInput, Stage, TerminalInput
 from dealib.device.records import MOUNT, TERMINAL, Port
 from dealib.program.inputs import Drive, drives, milestones
 
+pytestmark = pytest.mark.once  # arithmetic of configs
 PLATE, ELECTRODE = Port(MOUNT, "mount", ("inner",)), Port(TERMINAL, "terminal", ("film_top",))
 
 

@@ -160,6 +160,7 @@ def kill_at_random(tmp_path, whole, times, seed):
     return found
 
 
+@pytest.mark.once
 def test_killed_at_random(tmp_path, whole):
     found = kill_at_random(tmp_path, whole, 8, seed=1)
     assert len(set(found)) > 2  # the kills fell on different steps

@@ -19,6 +19,7 @@ from dealib.patience import patience
 from dealib.reading import read_text
 from dealib.study.plan import read
 
+pytestmark = pytest.mark.once  # refused before dolfinx is asked
 SMALL = CONFIGS.parent / "tests" / "small.yaml"
 
 

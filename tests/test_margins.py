@@ -23,6 +23,7 @@ from dealib.results.summary import alarms, margins
 from dealib.results.thickness import Columns, edges
 from dealib.units import EPSILON_0
 
+pytestmark = pytest.mark.once  # of stresses in numpy, and conditions of a program
 SMALL = CONFIGS.parent / "tests" / "small.yaml"
 
 

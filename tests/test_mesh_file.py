@@ -13,6 +13,7 @@ from dealib.device import msh, sound
 from dealib.device.gmsh_model import gmsh_model
 from dealib.errors import ConfigError
 
+pytestmark = pytest.mark.once  # read by Gmsh alone
 FILM = (CONFIGS.parent / "meshes" / "film.msh").read_text()
 SCRIPT = 'SystemCall "touch made_by_a_mesh";\n'
 SMALL = {"mesh__columns": 4, "mesh__film_rows": 1, "program": '[{"stage": "prestrain"}]'}

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from conftest import CONFIGS, history
 
+pytestmark = pytest.mark.once  # their equations are solved with each by other tests
 TURN = "rotation_deg.tip.about_Y"
 MOMENT = "moment_Nmm.tip.about_Y"
 NAME = "devices/minimum_energy_structure"

@@ -358,6 +358,7 @@ def test_air_hardly_matters():
     assert not np.array_equal(f[1], f[0])
 
 
+@pytest.mark.once
 def test_the_resonance_of_the_gallery():
     """A plate of 3 g on its film: a spring and a mass, softer under voltage."""
     given = case("dynamics/resonance", sensing__differential=True, mesh__columns=20)
@@ -420,6 +421,7 @@ def command(*arguments: object) -> Any:
     return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
+@pytest.mark.once
 def test_the_command_writes_what_it_finds(small, tmp_path):
     out = tmp_path / "modes"
     given = ["modes", small, "--set", DENSITY, "--out", out, "--count", "3"]
@@ -466,6 +468,7 @@ def test_the_command_writes_what_it_finds(small, tmp_path):
     assert len(pd.read_csv(out / "modes.csv")) == 3
 
 
+@pytest.mark.once
 def test_what_it_refuses(small, tmp_path):
     lacking = command("modes", small)
     assert isinstance(lacking.exception, ConfigError)
@@ -509,6 +512,7 @@ def test_nothing_flows_through_openings_within_a_period():
     assert slow[0] > 1.1 * frequencies(None)[0]  # than at a given pressure
 
 
+@pytest.mark.once
 @pytest.mark.mpi
 def test_on_two_ranks_as_on_one(small, tmp_path):
     tables = []

@@ -16,6 +16,7 @@ from dealib.errors import ConfigError
 from dealib.plots.labels import plain
 from dealib.study.plan import read
 
+pytestmark = pytest.mark.once  # texts
 FORMULAS = ["=cmd|'/C calc'!A0", "+1+cmd|' /C calc'!A0", "-2+3+cmd|x", "@SUM(1)", " =1", "-x",
             "+", "-1 mm=2", "-1 mm|x", "-1!A0"]  # fmt: skip
 CONTROLS = ["\t=1", "\r=1", "a\tb", "a\nb", "\x1b[31mred", "a\x00", "\u202eevil"]

@@ -11,6 +11,7 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
+pytestmark = pytest.mark.once  # pages; what they call has tests of its own
 ROOT = Path(__file__).parent.parent
 NUMBER = re.compile(r"-?\d+\.?\d*(?:e[-+]?\d+)?")
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))

@@ -101,6 +101,7 @@ def thinnest(tmp_path_factory):
     return out, said
 
 
+@pytest.mark.once
 def test_best_thickness_is_that_of_the_thin_film(thinnest):
     out, said = thinnest
     table = pd.read_csv(out / "designs.csv")
@@ -115,6 +116,7 @@ def test_best_thickness_is_that_of_the_thin_film(thinnest):
     assert (out / "designs.png").stat().st_size > 10_000
 
 
+@pytest.mark.once
 def test_it_never_ends_beyond_a_limit(thinnest):
     out, _ = thinnest
     table = pd.read_csv(out / "designs.csv")
@@ -129,6 +131,7 @@ def test_it_never_ends_beyond_a_limit(thinnest):
     assert found.values["s"] == pytest.approx(allowed["stroke"].max(), rel=1e-9)
 
 
+@pytest.mark.once
 def test_best_config_is_the_base_with_its_comments(thinnest):
     out, _ = thinnest
     text = (out / "best.yaml").read_text()
@@ -139,6 +142,7 @@ def test_best_config_is_the_base_with_its_comments(thinnest):
     assert config.limits.breakdown_strength == 30.0
 
 
+@pytest.mark.once
 def test_the_same_command_solves_nothing_twice(thinnest):
     out, said = thinnest
     before = pd.read_csv(out / "designs.csv")
@@ -151,6 +155,7 @@ def test_the_same_command_solves_nothing_twice(thinnest):
     assert again.replace("1 of them", "4 of them") == said
 
 
+@pytest.mark.once
 def test_python_has_the_same(thinnest):
     out, _ = thinnest
     found = dealib.optimise(DESIGNS / "thickness.yaml", out)
@@ -160,6 +165,7 @@ def test_python_has_the_same(thinnest):
     assert list(found.table["number"]) == [1, 2, 3, 4]
 
 
+@pytest.mark.once
 def test_interrupted_it_goes_on(tmp_path):
     design = written(tmp_path / "d.yaml")
     command_ = [sys.executable, "-m", "dealib", "optimise", str(design), "--out", "out", "-j", "1"]
@@ -180,6 +186,7 @@ def test_interrupted_it_goes_on(tmp_path):
     assert found.best is not None
 
 
+@pytest.mark.once
 def test_choices_are_all_tried(tmp_path):
     film = {"soft": ("20 kPa", 0.02), "middle": ("30 kPa", 0.03), "stiff": ("60 kPa", 0.06)}
     laws = ", ".join(f"{k}: {{materials.film.shear_modulus: {v}}}" for k, (v, _) in film.items())
@@ -200,6 +207,7 @@ def test_choices_are_all_tried(tmp_path):
         assert row["allowed"] == (known[2] <= STRENGTH)
 
 
+@pytest.mark.once
 def test_a_choice_beside_a_number(tmp_path):
     design = written(
         tmp_path / "d.yaml",
@@ -220,6 +228,7 @@ def test_a_choice_beside_a_number(tmp_path):
     assert found.best.point[THICKNESS] == pytest.approx(known[best], rel=2e-3)
 
 
+@pytest.mark.once
 def test_where_nothing_is_allowed_it_says_what_misses_least(tmp_path):
     design = written(
         tmp_path / "d.yaml",
@@ -243,6 +252,7 @@ def test_where_nothing_is_allowed_it_says_what_misses_least(tmp_path):
     assert len(thick) <= 12
 
 
+@pytest.mark.once
 def test_beyond_collapse_nothing_is_allowed_and_nothing_crashes(tmp_path):
     # the stress of the film and that of the field both grow with the stretch squared
     collapse = VOLTAGE / 1.5 * np.sqrt(PERMITTIVITY / SHEAR)
@@ -288,6 +298,7 @@ def random_designs(count: int) -> np.ndarray:
     return np.array(found)
 
 
+@pytest.mark.once
 @pytest.mark.slow
 def test_front_dominates_random_designs(front):
     out, said = front
@@ -311,6 +322,7 @@ def test_front_dominates_random_designs(front):
     assert knee.geometry.layers[0].thickness in table[f"{THICKNESS} [mm]"].to_numpy()
 
 
+@pytest.mark.once
 def test_membrane_is_corrected_by_the_solid(tmp_path):
     design = tmp_path / "d.yaml"
     design.write_text(
@@ -471,6 +483,7 @@ MISTAKES = {  # changed lines -> what is said, from the line on
 }
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("name", MISTAKES)
 def test_mistakes_are_told_with_their_place(name, tmp_path):
     changes, said = MISTAKES[name]
@@ -484,6 +497,7 @@ def test_mistakes_are_told_with_their_place(name, tmp_path):
     assert not (tmp_path / "o").exists()
 
 
+@pytest.mark.once
 def test_check_of_a_good_design_imports_no_solver():
     code = (
         "import sys; from dealib.cli.app import app; "
@@ -551,6 +565,7 @@ def test_deap100_in_four_variables(tmp_path):
     assert used < 2 * 180  # of two cores in three minutes
 
 
+@pytest.mark.once
 def test_a_design_that_cannot_be_is_not_allowed(tmp_path):
     design = tmp_path / "d.yaml"
     design.write_text(

@@ -254,11 +254,11 @@ def test_an_existing_run_is_told_once(serial, configs):
 
 def test_more_ranks_than_cells_are_refused(tmp_path):
     push = "[{stage: push, mount: {displacement: -1 mm}, steps: 1}]"
-    changes = {"mesh.columns": 4, "mesh.film_rows": 1, "program": push}
-    config = write(tmp_path, "tiny", "benchmark_strip", changes)
-    code, errors = finish(start(16, "-m", "dealib", "run", config, "--out", tmp_path / "run"))
+    mesh = {"mesh.columns": 4, "mesh.film_rows": 1, "geometry.electrode_thickness": "0 um"}
+    config = write(tmp_path, "tiny", "benchmark_strip", mesh | {"program": push})
+    code, errors = finish(start(5, "-m", "dealib", "run", config, "--out", tmp_path / "run"))
     assert code == 2
-    assert errors.count("16 ranks are too many for 12 cells, some get none; use fewer") == 1
+    assert errors.count("5 ranks are too many for 4 cells, some get none; use fewer") == 1
 
 
 def test_not_converged_on_all_ranks(tmp_path):

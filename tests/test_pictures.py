@@ -21,6 +21,7 @@ from dealib.report import facts
 from dealib.results.quantities import SURFACE_CHARGE, quantity
 from dealib.study import sample
 
+pytestmark = pytest.mark.once  # of stored results
 ON = [{"stage": "actuate", "terminal": {"voltage": "1 kV"}}]
 EPS = 3 * 8.8541878128e-6  # N/kV^2
 

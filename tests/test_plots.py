@@ -28,6 +28,8 @@ from dealib.results.fields import fields
 from dealib.results.quantities import SURFACE_CHARGE, quantities, quantity
 from dealib.results.sampling import Strip, locate, reference_grid
 
+pytestmark = pytest.mark.once  # of stored results
+
 
 def invoke(*arguments):
     """Standard output of a command; its error is raised."""

@@ -29,6 +29,7 @@ OPTION = re.compile(r"(?<![\w-])--[a-z]{2}")
 SMALL = Path(__file__).with_name("small.yaml")
 
 
+@pytest.mark.once
 def test_the_page_has_every_name_and_every_command():
     used = set(re.findall(r"\bdealib\.(\w+)", "\n".join(EXAMPLES)))
     told = set(re.findall(r"\bdealib\.(\w+)", PAGE))
@@ -40,6 +41,7 @@ def test_the_page_has_every_name_and_every_command():
     assert sorted(commands) == sorted(typer.main.get_command(app).commands)
 
 
+@pytest.mark.once
 def test_the_examples_of_the_page_run(tmp_path):
     script = "\n".join(EXAMPLES)
     done = subprocess.run(
@@ -60,6 +62,7 @@ def test_all_names_are_functions_and_classes_whatever_is_imported():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+@pytest.mark.once
 def test_options_stand_in_messages_only_beside_their_arguments():
     """Outside of the command line's modules, in calls of `by_caller` alone."""
     found = []

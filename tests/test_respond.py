@@ -493,6 +493,7 @@ def test_sound_is_that_of_flat_bodies_of_revolution():
 PARTS = {"C": 400e-12, "Rs": 12e3, "Rp": 5e9, "Cm": 40e-12, "Lm": 2.5e5, "Rm": 4e6}
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     "kept", [("C",), ("C", "Rs"), ("C", "Rs", "Rp"), ("C", "Rs", "Cm", "Lm", "Rm"), tuple(PARTS)]
 )
@@ -517,6 +518,7 @@ def test_a_circuit_is_found_again(kept):
 SPRING = "--set=program.0={stage: push, mount: {force: -0.05 N}, steps: 2}"
 
 
+@pytest.mark.once
 def test_the_spectrum_of_the_gallery():
     """A resonance on a capacitor; far above it the electrodes keep the charge out."""
     given = at_rest(case("dynamics/spectrum", mesh__columns=20), [])
@@ -535,6 +537,7 @@ def test_the_spectrum_of_the_gallery():
     assert phase[-1] == pytest.approx(-45, abs=3)  # a diffusion
 
 
+@pytest.mark.once
 def test_the_command(small, tmp_path):  # noqa: F811 - the fixture
     out = tmp_path / "response"
     given = ["respond", small, "--set", DENSITY, SPRING, "--from", "1 Hz", "--to", "2 kHz"]
@@ -562,6 +565,7 @@ def test_the_command(small, tmp_path):  # noqa: F811 - the fixture
     assert "--overwrite" in str(again.exception)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -579,6 +583,7 @@ def test_what_it_refuses(small, options, said):  # noqa: F811
     assert said in str(done.exception)
 
 
+@pytest.mark.once
 @pytest.mark.mpi
 def test_on_two_ranks_as_on_one(tmp_path):
     tables = []
@@ -605,6 +610,7 @@ def test_on_two_ranks_as_on_one(tmp_path):
     assert np.abs(other / one - 1).max() < 1e-6
 
 
+@pytest.mark.once
 @pytest.mark.slow
 def test_a_fit_to_a_spectrum_finds_what_it_was_made_with(small, tmp_path):  # noqa: F811
     """Stiffness and damping from the resonance of a plate, as a vibrometer sees it."""

@@ -286,6 +286,7 @@ def test_what_a_moment_drives_is_where_a_rotation_leads():
     assert [on[k] for k in KEYS] == pytest.approx([led[k] for k in KEYS], abs=1e-6)
 
 
+@pytest.mark.once
 def test_the_stage_of_the_gallery():
     """Free in its plane: it neither turns nor goes aside, and goes the other way likewise."""
     h = history("devices/positioning_stage")

@@ -25,6 +25,7 @@ from dealib.study.expressions import COMMON, KINDS, OF_A_CASE, OF_ALL_CASES
 from dealib.study.schema import MaterialTest, Study
 from dealib.validation.schema import Benchmark
 
+pytestmark = pytest.mark.once  # texts
 VALIDATOR = jsonschema.Draft202012Validator(json.loads(json_text()))
 
 

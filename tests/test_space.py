@@ -18,6 +18,7 @@ from dealib.plots.surface import patches
 from dealib.report import figures, page, space
 from dealib.results.quantities import quantity
 
+pytestmark = pytest.mark.once  # pages
 EVIL = "</script><script>alert(1)</script>"
 ON = [
     {"stage": "rest"},
@@ -219,7 +220,6 @@ addEventListener("load", () => setTimeout(() => {
 
 
 @pytest.mark.skipif(BROWSER is None, reason="no chromium here (Debian: apt install chromium)")
-@pytest.mark.once
 def test_the_slider_and_the_menu_move_the_view(plate, tmp_path, monkeypatch):
     path = tmp_path / "page.html"
     text = text_of(plate, monkeypatch)

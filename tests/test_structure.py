@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 
 import dealib
 
+pytestmark = pytest.mark.once  # where code stands
 ROOT = Path(dealib.__file__).parent
 
 

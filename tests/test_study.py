@@ -24,6 +24,7 @@ from dealib.study.evaluate import Results
 from dealib.study.expressions import OF_A_CASE, Expression
 from dealib.study.plan import find, read
 
+pytestmark = pytest.mark.once  # of histories and fields as they are stored
 ROOT = Path(__file__).parent.parent
 THESIS = ROOT / "configs" / "thesis"
 

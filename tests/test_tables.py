@@ -16,6 +16,7 @@ from dealib.errors import ConfigError, Interrupted
 from dealib.program.tables import tables_case
 from dealib.results.tables import collect
 
+pytestmark = pytest.mark.once  # of states as they are stored
 SMALL = {"mesh__columns": 16, "mesh__film_rows": 1, "tables__points": "[9, 9]"}
 
 

@@ -17,6 +17,8 @@ sys.path.insert(0, str(CONFIGS / "thesis"))
 from devices import MASSES, VOLTS, Device, Target, by_finite_elements, finite_elements
 from quantities import quantities
 
+pytestmark = pytest.mark.once  # their equations are solved with each by other tests
+
 
 @pytest.fixture(scope="module")
 def found():

@@ -22,6 +22,7 @@ from typer.testing import CliRunner
 from dealib.cli.app import app
 from dealib.errors import ConfigError, NotConverged, ValueAt
 
+pytestmark = pytest.mark.once  # statistics of numbers that cases give
 SMALL = Path(__file__).with_name("small.yaml")
 
 

@@ -58,6 +58,7 @@ def numbers(name: str, *quantities: str) -> list[float]:
 # --- references, solved anew ---------------------------------------------------------------------
 
 
+@pytest.mark.once
 def test_films():
     film = partial(block.Block, thickness=0.5)
     for name, law, eps in (
@@ -82,6 +83,7 @@ def test_films():
     assert curve.reference.y == pytest.approx(strain, abs=1e-6)
 
 
+@pytest.mark.once
 def test_expanding_circle():
     device = circle.Circle(Film(SOFT, 0.5, 1.5, EPS), 50.0, 25.0)
     states = [circle.at_voltage(device, v) for v in (3.28839, 5.48065, 7.6729)]
@@ -90,6 +92,7 @@ def test_expanding_circle():
     assert found == pytest.approx([*strains, 1e3 * states[-1].capacitance], rel=1e-7)
 
 
+@pytest.mark.once
 def test_tube_and_balloon():
     given = tube.Tube(SOFT, 10.0, 11.0, EPS)
     free = tube.at_voltage(given, 8.76904, 0.0, "open")
@@ -103,6 +106,7 @@ def test_tube_and_balloon():
     assert list(references("balloon").values()) == pytest.approx(exact, rel=1e-7)
 
 
+@pytest.mark.once
 def test_membranes():
     device = annulus.Annulus(Film(neo_hooke(1.0), 0.1 / 1.44, 1.2, 3 * EPS0), 10.0, 20.0)
     volts = 0.03 / (3 * EPS0) ** 0.5
@@ -123,6 +127,7 @@ def test_membranes():
     assert list(references("diaphragm").values()) == pytest.approx(exact, rel=1e-7)
 
 
+@pytest.mark.once
 def test_bender_capacitor_and_line():
     layers = unimorph.Unimorph(SOFT, SOFT, 0.5, 0.5, EPS)
     bent = unimorph.bend(layers, 3.28839)
@@ -136,6 +141,7 @@ def test_bender_capacitor_and_line():
     assert list(references("resistive_electrodes").values()) == pytest.approx(exact, rel=1e-7)
 
 
+@pytest.mark.once
 def test_strip_and_generator():
     given = strip.Strip(SOFT, 0.5, 100 / 1.5, 1.5, EPS)
     load = 0.9122085048010974 / (0.5 * 100 / 1.5)
@@ -161,6 +167,7 @@ def test_strip_and_generator():
     assert found["energy density generated"] == pytest.approx(energy / (20 * 0.5 * 100 / 1.5))
 
 
+@pytest.mark.once
 def test_membrane_modes():
     k = [frequencies.disc(n, 1, 20.0)[0] for n in range(3)]
     film = Film(SOFT, 0.25, 1.2, EPS)
@@ -172,6 +179,7 @@ def test_membrane_modes():
     assert list(references("membrane_modes").values()) == pytest.approx(exact, rel=1e-8)
 
 
+@pytest.mark.once
 def test_step_response():
     """One degree of freedom: the stretch of a strip without mass that moves a bar."""
     w, tau, volts, stress = 1.5, 0.02, 2.740322754535081, 0.9122085048010974 / (0.5 * 100 / 1.5)
@@ -206,6 +214,7 @@ def stiffness(squares: float) -> float:
     return MODULUS * LOCK / (3 * chain) * beta
 
 
+@pytest.mark.once
 def test_vhb_uniaxial():
     """Transient networks that are stretched along one axis: A' = (C^-1 - A)/tau, in ODEs."""
     for rate in (0.01, 0.05):
@@ -226,6 +235,7 @@ def test_vhb_uniaxial():
         assert known == pytest.approx(stress, rel=1e-6)
 
 
+@pytest.mark.once
 def test_vhb_rates():
     """The same of a free film: at each time the voltage gives its stretch."""
 
@@ -312,6 +322,7 @@ def test_all_benchmarks_are_within_their_tolerances(cache):
     assert set(table["benchmark"]) == {path.stem for path in find([])}
 
 
+@pytest.mark.once
 def test_a_wrong_number_fails_and_stands_in_table_and_page(table, cache, tmp_path):
     text = (SUITE / "wrinkling.yaml").read_text(encoding="utf-8")
     wrong = text.replace("reference: unit * sqrt", "reference: 1.01 * unit * sqrt", 1)
@@ -332,6 +343,7 @@ def test_a_wrong_number_fails_and_stands_in_table_and_page(table, cache, tmp_pat
     assert "1 of 2 quantities within their tolerance" in page
 
 
+@pytest.mark.once
 def test_the_page_holds_all_it_shows(table, cache, tmp_path):
     done = call(*QUICK, "--out", tmp_path, "--cache", cache, "--jobs", 1)
     assert done.exit_code == 0, done.output
@@ -344,6 +356,7 @@ def test_the_page_holds_all_it_shows(table, cache, tmp_path):
         assert all(f"<td>{c.name}" in page for c in given.checks)
 
 
+@pytest.mark.once
 def test_numbers_of_another_code(table, cache, tmp_path):
     other = tmp_path / "other.csv"
     good = "benchmark, quantity, value\nwrinkling,wrinkling voltage,15.7\n"
@@ -390,6 +403,7 @@ curves:
 """
 
 
+@pytest.mark.once
 def test_curves_in_files_are_skipped_where_they_are_absent(table, cache, tmp_path, monkeypatch):
     text = (SUITE / "free_film.yaml").read_text(encoding="utf-8")
     file = tmp_path / "free_film.yaml"
@@ -412,6 +426,7 @@ def test_curves_in_files_are_skipped_where_they_are_absent(table, cache, tmp_pat
         dealib.validate(file, cache=cache)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
@@ -440,6 +455,7 @@ def test_mistakes_are_told_with_their_place(old, new, said, tmp_path):
     assert "wrinkling.yaml" in str(error.value)
 
 
+@pytest.mark.once
 def test_other_files_and_names(tmp_path):
     for given, said in (
         (["wrinkle"], "there is no benchmark 'wrinkle'; did you mean 'wrinkling'"),
@@ -454,6 +470,7 @@ def test_other_files_and_names(tmp_path):
     assert "a benchmark, not a config; 'dealib validate" in str(done.exception)
 
 
+@pytest.mark.once
 def test_the_example_of_the_page_is_a_benchmark(tmp_path):
     page = (SUITE / "README.md").read_text(encoding="utf-8")
     (example,) = re.findall(r"^```yaml\n(.*?)^```$", page, re.M | re.S)

@@ -76,6 +76,7 @@ def rule(request):
     return evolution.EVOLUTIONS[request.param]
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("time", [0.1, 1.0, 30.0])
 @pytest.mark.parametrize("name", RATES)
 def test_the_rule_meets_the_differential_equation_with_second_order(name, time):
@@ -93,6 +94,7 @@ def test_the_rule_meets_the_differential_equation_with_second_order(name, time):
     assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.05)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("ratio", [1e-14, 1e-3, 1.0, 1e3, 1e14])
 def test_any_step_is_stable_and_between_old_and_new(rule, ratio):
     """Frozen in no time, relaxed in a long one, and always a metric."""
@@ -363,6 +365,7 @@ def test_resume_goes_on_as_if_never_stopped(run, tmp_path, stop):
     assert_same(dealib.simulate(case(), tmp_path / "run", resume=True), run)
 
 
+@pytest.mark.once
 @pytest.mark.mpi
 @pytest.mark.slow
 def test_resume_on_two_ranks(run, tmp_path):
@@ -434,6 +437,7 @@ def test_a_second_film_has_no_branches():
 # --- shipped configs ------------------------------------------------------------------------------
 
 
+@pytest.mark.once
 def test_hysteresis_loses_energy_in_each_loop():
     h = conftest.history("hysteresis")
     ends = [h.index[np.isclose(h["time_s"], t)][0] for t in (0, 20, 40, 60)]
@@ -453,6 +457,7 @@ def test_hysteresis_loses_energy_in_each_loop():
     assert h["energy_residual_mJ"].abs().max() < 5e-3 * stored
 
 
+@pytest.mark.once
 def test_creep_tends_to_the_elastic_stroke_and_back():
     h = conftest.history("creep")
     for stage in ("creep", "recovery"):

@@ -31,6 +31,7 @@ from verification.references.laws import (
     slopes,
 )
 
+pytestmark = pytest.mark.once  # without finite elements
 NEO = neo_hooke(1.0)
 OGDEN = ogden((0.63, 0.0012, -0.01), (1.3, 5.0, -2.0))
 

@@ -23,6 +23,7 @@ from verification.references import (
 )
 from verification.references.laws import Film, neo_hooke
 
+pytestmark = pytest.mark.once  # without finite elements
 NEO = neo_hooke(1.0)
 
 
