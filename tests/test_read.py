@@ -266,9 +266,7 @@ def test_what_is_chosen_resolves_what_is_refused(tmp_path):
     (tmp_path / "data.csv").write_bytes(cyrillic)
     found = read(tmp_path / "data.csv", Format(encoding="cp1251"))
     assert found.columns[0].name == "Сила"
-    with pytest.raises(
-        ConfigError, match="unknown encoding 'utf-99'; known are, for example, utf-8"
-    ):
+    with pytest.raises(ConfigError, match="unknown encoding 'utf-99'; known are, for"):
         read(tmp_path / "data.csv", Format(encoding="utf-99"))
 
 

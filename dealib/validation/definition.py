@@ -1,4 +1,4 @@
-"""From the file of a benchmark to its cases, as a study that is read and drawn like any other."""
+"""Reading of benchmarks; their cases form a study, which is solved and drawn like any other."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _LARGEST = 10_000_000  # bytes of a reference curve
 
 
 class NoBenchmark(ConfigError):
-    """A name is that of no benchmark."""
+    """There is no benchmark of a given name."""
 
 
 @dataclass(frozen=True)
@@ -38,19 +38,19 @@ class Definition(Plan):
     """A benchmark as a study of its cases.
 
     Attributes:
-        benchmark: What the file says.
+        benchmark: Content of the file.
     """
 
     benchmark: Benchmark = field(kw_only=True)
 
     def lacks(self, index: int) -> bool:
-        """Whether the reference of a curve is in a file that is not at hand."""
+        """Whether the reference of a curve is in a file that is missing."""
         panel = self.study.panels[index]
         return isinstance(panel, Curves) and not panel.references
 
     @property
     def comparable(self) -> bool:
-        """Whether there is anything to compare with."""
+        """Whether there is at least one reference."""
         curves = enumerate(self.benchmark.curves)
         judged = any(c.rms is not None and not self.lacks(k) for k, c in curves)
         return bool(self.benchmark.checks) or judged
@@ -65,7 +65,7 @@ _IN_FILE = {"windows": "checks", "panels": "curves"}  # the study's name -> that
 
 
 def find(names: Sequence[str | Path], suite: Path = SUITE) -> list[Path]:
-    """The files that names of benchmarks, files and folders mean; by default the whole suite.
+    """The files of benchmarks, given by names, files or folders; by default the whole suite.
 
     Raises:
         ConfigError: If there is no such benchmark.
@@ -176,7 +176,7 @@ def allowed(tolerance: tuple[str, float], reference: float) -> float:
 
 
 def _points(curve: CurveCheck, index: int, source: Source) -> Reference | None:
-    """The reference of a curve; None if its file is not at hand."""
+    """The reference of a curve; None if its file is missing."""
     given = curve.reference
     x, y = given.x, given.y
     if given.file is not None:
@@ -191,13 +191,13 @@ def _points(curve: CurveCheck, index: int, source: Source) -> Reference | None:
 
 
 def _data(name: str, beside: Path) -> Path | None:
-    """A file of data: beside the benchmark, or in the folder of data."""
+    """A file of data beside the benchmark or in the folder of data; None if it is missing."""
     folder = Path(os.environ.get("DEALIB_DATA", _ROOT.parent / "shared" / "data"))
     return next((p for p in (beside / name, folder / name) if p.is_file()), None)
 
 
 def _columns(path: Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """The first two columns of a CSV; lines above the first numbers are its head."""
+    """The first two columns of a CSV; lines above the first numbers are skipped."""
     rows: list[tuple[float, float]] = []
     lines = read_text(path, "reference curve", _LARGEST).splitlines()
     for number, cells in enumerate(csv.reader(lines), start=1):

@@ -1,4 +1,4 @@
-"""What was computed of benchmarks beside their references, a row a quantity."""
+"""Computed quantities of benchmarks beside their references, one row per quantity."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ Key = tuple[str, str]  # benchmark and quantity
 
 @dataclass(frozen=True)
 class Row:
-    """A quantity.
+    """A quantity of a benchmark.
 
     Attributes:
-        benchmark: Name.
+        benchmark: Name of the benchmark.
         kind: 'analytical', 'code' or 'measured'.
-        quantity: Its name.
-        unit: Of the numbers.
-        value: That was computed; NaN if there is none.
-        reference: Its reference.
-        allowed: Largest difference that its tolerance allows.
-        tolerance: The tolerance as it was given.
+        quantity: Name of the quantity.
+        unit: Unit of the numbers.
+        value: Computed value; NaN if there is none.
+        reference: Reference value.
+        allowed: Largest difference that the tolerance allows.
+        tolerance: The tolerance as given, such as '1 %'.
         verdict: 'within', 'outside', 'skipped' or 'no value'.
         note: Why there is no value, or where the tolerance comes from.
     """
@@ -57,12 +57,12 @@ class Row:
 
     @property
     def difference(self) -> float:
-        """Of the value from the reference."""
+        """Value minus reference."""
         return self.value - self.reference
 
     @property
     def told(self) -> str:
-        """The difference, as the tolerance is given."""
+        """The difference as text, in percent if the tolerance is relative."""
         if math.isnan(self.value):
             return ""
         if self.tolerance.endswith("%"):
@@ -70,12 +70,12 @@ class Row:
         return f"{self.difference:+.2g}"
 
     def judged(self, value: float) -> Row:
-        """The same with another value."""
+        """This row with another value and its verdict."""
         near = abs(value - self.reference) <= self.allowed * (1 + 1e-9)
         return replace(self, value=value, verdict=WITHIN if near else OUTSIDE)
 
     def record(self) -> dict[str, Any]:
-        """All of it, as in the tables that are written."""
+        """The row as written to tables."""
         return {**asdict(self), "difference": self.difference}
 
 
@@ -84,7 +84,7 @@ def rows(definition: Definition, results: Results | None) -> list[Row]:
 
     Args:
         definition: The benchmark.
-        results: Of its cases; None if it is not solved.
+        results: Results of its cases; None if they are not solved.
     """
     failed = [s for s in results.statuses if s.status != DONE] if results else []
     note = "; ".join(f"case {s.case.label!r}: {s.status}" for s in failed)
@@ -169,15 +169,15 @@ def others(path: Path) -> dict[Key, float]:
 
 
 def against(known: Sequence[Row], given: Mapping[Key, float], path: Path) -> list[Row]:
-    """Rows with the values of another code: those that it gives.
+    """The rows for which another code gives values, with these values.
 
     Args:
         known: Rows of all benchmarks.
-        given: Its numbers (see `others`).
-        path: Their file, for messages.
+        given: Numbers of the other code (see `others`).
+        path: File of these numbers, for messages.
 
     Raises:
-        ConfigError: If it names what no benchmark has.
+        ConfigError: If it names an unknown benchmark or quantity.
     """
     there = {row.key: row for row in known}
     names = {row.benchmark for row in known}

@@ -1,4 +1,4 @@
-"""What a worker does with a case of a benchmark: a run, with vibrations or a spectrum."""
+"""Solution of a benchmark's case by a worker: a run, with vibrations or a spectrum."""
 
 from __future__ import annotations
 

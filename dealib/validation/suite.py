@@ -1,4 +1,4 @@
-"""A suite of benchmarks: which are solved, and what became of them."""
+"""A suite of benchmarks: choosing, solving and comparing them."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Found:
-    """A benchmark and what was computed of it.
+    """A benchmark and its results.
 
     Attributes:
         definition: The benchmark.
-        results: Of its cases; None if they are not solved.
-        rows: A quantity each.
+        results: Results of its cases; None if they are not solved.
+        rows: Rows of its quantities.
     """
 
     definition: Definition
@@ -40,10 +40,10 @@ def definitions(names: Sequence[str | Path] = (), kind: str | None = None) -> li
 
     Args:
         names: Names in the suite, files or folders; default the whole suite.
-        kind: Those of this kind only.
+        kind: Only benchmarks of this kind.
 
     Raises:
-        ConfigError: If one is wrong, with its place, or if there is none.
+        ConfigError: If a file is wrong (the message names the place), or if there is no benchmark.
     """
     found = [d for path in find(names) if kind in (None, (d := read(path)).benchmark.kind)]
     if not found:
@@ -54,13 +54,13 @@ def definitions(names: Sequence[str | Path] = (), kind: str | None = None) -> li
 def evaluated(
     given: Sequence[Definition], cache: Cache, ended: Mapping[str, Ended], whole: bool = False
 ) -> list[Found]:
-    """Compare what is solved.
+    """Compare solved benchmarks with their references.
 
     Args:
         given: The benchmarks.
-        cache: Where solved cases are.
-        ended: What has just failed, by key.
-        whole: Only benchmarks all cases of which are solved are compared.
+        cache: Cache of solved cases.
+        ended: Cases that have just failed, by key.
+        whole: Compare only benchmarks of which all cases are solved.
     """
     found = []
     for one in given:
@@ -72,12 +72,12 @@ def evaluated(
 
 
 def solvable(given: Sequence[Definition]) -> list[Definition]:
-    """The benchmarks that there is a reference for: files of curves may not be at hand."""
+    """The benchmarks with a reference; those whose files of curves are missing are left out."""
     return [one for one in given if one.comparable]
 
 
 def check(found: Sequence[Found]) -> None:
-    """Raise what kept a number from being one.
+    """Raise the errors of cases and expressions.
 
     Raises:
         NotConverged: If a case has failed.
