@@ -339,7 +339,7 @@ def test_the_report_tells_what_is_followed(run):
     *_, row = facts.program(run.config)
     assert row["inputs"] == "voltage followed until displacement −2.9 mm"
     count = dict(facts.solution(run))["Steps"]
-    assert count == f"{len(run.history) - 1}; a branch takes as many as it turns out to need"
+    assert count == f"{len(run.history) - 1}; the number of steps along a branch is not planned"
 
 
 @pytest.mark.once
