@@ -27,6 +27,7 @@ from dealib.fem.system import Timings
 from dealib.fem.viscous import Viscosity
 from dealib.program.flows import Flows
 from dealib.program.inputs import Drive, law, rest
+from dealib.program.leaps import Leaps
 from dealib.program.predictor import Predictor, remembered
 from dealib.program.progress import Progress
 from dealib.results.checkpoint import Checkpoint
@@ -45,6 +46,7 @@ class Engine:
         newton: The solver.
         inertia: Velocities and accelerations, if a stage is dynamic.
         predictor: Initial guesses for the solver.
+        leaps: Refuses states that no motion leads to.
         progress: How far the program has come.
         normals: Directions across films that are no layers, at the local cells' Gauss points.
 
@@ -79,6 +81,7 @@ class Engine:
             retrace=self.viscosity is None and not config.moves,
             memory=remembered(system.q.size),
         )
+        self.leaps = Leaps(self.newton, self.layout)
         self.progress = Progress(drives=rest(self.problem.device))
         self.normals = None
         if self.problem.device.laminate is None:  # a mesh file does not give films a normal

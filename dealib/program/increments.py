@@ -27,6 +27,19 @@ class Clock(Protocol):
         """Relative error of the last increment, of second order in it (collective)."""
 
 
+class Watch(Protocol):
+    """What refuses converged states."""
+
+    def start(self) -> None:
+        """Take the present state as the last one (collective)."""
+
+    def keep(self) -> None:
+        """Take the state just found as the last one (collective)."""
+
+    def check(self) -> None:
+        """Raise `NotConverged` if the state just found is to be refused (collective)."""
+
+
 class _TooCoarse(NotConverged):
     """An increment whose time integration is not accurate enough.
 
@@ -64,6 +77,7 @@ class Increments:
         predictor: Initial guesses for Newton's method; it is shared by all stages.
         clock: Time and increment in the stage; kept up to date.
         clocks: The parts of the state that are integrated in time.
+        watch: Refuses converged states; None: all are accepted.
     """
 
     def __init__(
@@ -73,10 +87,11 @@ class Increments:
         predictor: Predictor,
         clock: StageClock | None = None,
         clocks: Sequence[Clock] = (),
+        watch: Watch | None = None,
     ) -> None:
         self.newton, self.settings, self.predictor = newton, settings, predictor
         self.clock = StageClock() if clock is None else clock
-        self.clocks = clocks
+        self.clocks, self.watch = clocks, watch
 
     def run(
         self,
@@ -106,6 +121,8 @@ class Increments:
         smallest = 0.5**self.settings.max_cuts * targets[0]
         if clock.now == 0:
             self.predictor.start()
+        if self.watch is not None:
+            self.watch.start()
         kept = q.copy()
         for target in targets:
             while clock.now < target:
@@ -115,6 +132,8 @@ class Increments:
                 inputs = apply(then)
                 try:
                     self._solve(kept, then, inputs)
+                    if self.watch is not None:
+                        self.watch.check()
                     allowed = self._allowed(step)
                 except Singular as error:
                     raise NotConverged(f"{explain(then)} ({error})") from None
@@ -134,6 +153,8 @@ class Increments:
                     apply(clock.now)
                     clock.size = step / 2
                     continue
+                if self.watch is not None:
+                    self.watch.keep()
                 ends = then in corners or then == targets[-1]
                 rate = None if ends else self._rate(apply, then, step)
                 self.predictor.add(then, inputs, q, rate)

@@ -13,7 +13,7 @@ from dealib.config.chamber import Filled, Gas
 from dealib.config.program import ELEMENT, ChamberInput, Course, Input, MountInput, Stage
 from dealib.config.wave import Wave
 from dealib.device.device import Device
-from dealib.device.records import TERMINAL, Port
+from dealib.device.records import Port, PortKind
 from dealib.fem.port_law import PortLaw
 from dealib.program.waves import Shape
 from dealib.units import DIMENSIONS, GRAVITY
@@ -269,10 +269,10 @@ def _from(start: float, knots: tuple[float, ...]) -> tuple[float, ...]:
     return (start, *knots)
 
 
-def under_voltage(device: Device, found: dict[str, Drives], at: float) -> bool:
-    """Whether a voltage is prescribed at a time, other than zero."""
-    terminals = (found[port.name] for port in device.of(TERMINAL))
-    return any(d.kind == "value" and d.at(at) != 0 for drives in terminals for d in drives)
+def driven_by(device: Device, kind: PortKind, found: dict[str, Drives], at: float) -> bool:
+    """Whether a kind's primal, such as a voltage, is prescribed at a time, other than zero."""
+    ports = (found[port.name] for port in device.of(kind))
+    return any(d.kind == "value" and d.at(at) != 0 for drives in ports for d in drives)
 
 
 def milestones(stage: Stage, drives: list[Drive]) -> tuple[list[float], set[float]]:

@@ -9,15 +9,20 @@ from functools import partial
 from typing import Any
 
 from dealib.config.program import Stage
+from dealib.device.records import CHAMBER, TERMINAL
 from dealib.errors import ConfigError, NotConverged
 from dealib.program.engine import Engine
 from dealib.program.follow import BIFURCATION, LIMIT_POINT, Branch
 from dealib.program.history import History, State
 from dealib.program.increments import Increments
-from dealib.program.inputs import law, milestones, plain_drive, under_voltage
+from dealib.program.inputs import driven_by, law, milestones, plain_drive
 from dealib.program.pair import Pair, PortVariable
 from dealib.program.progress import Position
 
+_LIMITS = {  # how the largest value of what is driven is called, and what passes it
+    TERMINAL: ("pull-in", "charge or the displacement"),
+    CHAMBER: ("the largest pressure", "volume"),
+}
 _NEAR = 0.8  # use of a limit from which on it is named where a stage stops
 log = logging.getLogger(__name__)
 
@@ -31,7 +36,7 @@ def prestrain(of: Engine, history: History, stage: Stage) -> Iterator[State]:
         return ("prestretch", fraction)
 
     apply(0.0)
-    increments = Increments(of.newton, of.config.solver, of.predictor)
+    increments = Increments(of.newton, of.config.solver, of.predictor, watch=of.leaps)
     targets = [k / stage.steps for k in range(1, stage.steps + 1)]
     for _ in increments.run(targets, {1.0}, apply, partial(_failure, of, stage)):
         pass
@@ -63,7 +68,7 @@ def ramp(of: Engine, history: History, stage: Stage) -> Iterator[State]:
         return bool(halvings) and step > 0.5 ** max(halvings) / stage.steps * (1 + 1e-9)
 
     apply(p.clock.now)
-    increments = Increments(of.newton, of.config.solver, of.predictor, p.clock, clocks)
+    increments = Increments(of.newton, of.config.solver, of.predictor, p.clock, clocks, of.leaps)
     for at in increments.run(targets, corners, apply, partial(_failure, of, stage), too_far):
         for clock in clocks:
             clock.commit()
@@ -164,11 +169,13 @@ def _failure(of: Engine, stage: Stage, at: float) -> str:
         hint = "reduce the load, for a law is stretched to over 90 % of its limit"
     if stage.stage == "prestrain":
         return f"stage 'prestrain' stopped at {at:.4g} of the pre-stretch; {hint}"
-    if under_voltage(of.problem.device, of.progress.drives, at):
-        hint += (
-            "; if this is pull-in, prescribe the charge or the displacement instead, or follow "
-            "the branch (`follow` in configs/REFERENCE.md)"
-        )
+    device, drives = of.problem.device, of.progress.drives
+    for kind, (limit, instead) in _LIMITS.items():
+        if driven_by(device, kind, drives, at):
+            hint += (
+                f"; if this is {limit}, prescribe the {instead} instead, or follow the branch "
+                "(`follow` in configs/REFERENCE.md)"
+            )
     shares = (of.progress.row or {}).items()
     used = ", ".join(f"{n} = {v:.3g}" for n, v in shares if n.endswith("_use") and v > _NEAR)
     return (
