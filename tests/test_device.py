@@ -439,7 +439,8 @@ EDITS: list[tuple[str, str, str, str | list[str], str]] = [
     ("nothing holds it", "program:", "holds: []\nprogram:",
      "15:8: holds: nothing holds the device against motion along X; fix a part of it here, or "
      "drive a mount by its displacement or a spring", "[]"),
-    ("it may turn", "program:", "holds: [{on: film.bottom, fix: X}]\nprogram:",
+    ("it may turn", "program:",
+     "holds: [{on: film.bottom, fix: X}, {on: left, fix: Z}]\nprogram:",
      "15:8: holds: nothing holds the device against motion about Y; fix a part of it here, or "
      "drive a mount by its displacement or a spring", "[{on"),
     ("chamber on an inner face", "program:", "chambers: {pump: {on: film.top}}\nprogram:",
@@ -488,6 +489,28 @@ def test_a_mount_that_a_force_or_a_spring_holds(tmp_path):
     path.write_text(text.replace("stage: on, ", "stage: on, mount: {force: 0 N}, "))
     with pytest.raises(ConfigError, match="nothing holds the device against motion along X"):
         list(dealib.Simulation(dealib.load(path)))
+
+
+@pytest.mark.parametrize(("holds", "stage", "told"), [
+    ("[]", "", "motion along X"),
+    ("[{on: film.bottom, fix: X}]", "", "motion along Z"),
+    ("[{on: film.bottom, fix: Z}]\nmounts: {bar: {on: right, along: X, free: Z}}",
+     "mount: {mass: 1 g}, ", "motion along X"),
+    ("[{on: film.bottom, fix: Z}]\nmounts: {bar: {on: right, along: X, free: Z}}", "", ""),
+    ("[]\nmounts: {bar: {on: right, rigid: true}}", "", ""),
+    ("[]\nmounts: {bar: {on: right, rigid: true}}",
+     "mounts: {bar.Z: {force: 1 N}}, ", "motion along Z"),
+])  # fmt: skip
+def test_what_nothing_holds_is_told_without_a_mesh(tmp_path, holds, stage, told):
+    """Along each axis the names of supports and the program tell."""
+    path = tmp_path / "case.yaml"
+    text = TEXT.replace("program:", f"holds: {holds}\nprogram:")
+    path.write_text(text.replace("stage: on, ", f"stage: on, {stage}"))
+    if not told:
+        dealib.load(path)
+        return
+    with pytest.raises(ConfigError, match=rf"case\.yaml:15:8: holds: .* {told}; fix"):
+        dealib.load(path)
 
 
 @pytest.mark.once

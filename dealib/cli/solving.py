@@ -149,6 +149,8 @@ def check(config: ConfigFile, set: Set = None) -> None:
     stages = ", ".join(s.stage for s in case.config.program)
     typer.echo(f"{config}: valid; {case.config.name}: {stages}")
     typer.echo(str(size(case.config)))
+    turns = "" if case.config.device.kinematics.revolved else "whether the device may turn, and "
+    typer.echo(f"not seen here: {turns}whether terminals touch; `dealib run --dry-run` sees it")
 
 
 @app.command()

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from dealib.config.bias import check_second_films
 from dealib.config.follow import check_branches
+from dealib.config.held import check_held
 from dealib.config.materials import Material, Materials, check_materials
 from dealib.config.names import Name
 from dealib.config.probes import Probe, check_probes
@@ -165,6 +166,7 @@ class Config(Section):
         if self.regions is not None and not isinstance(self.geometry, MeshShape):
             raise ValueAt(("regions",), "only for geometry.shape: mesh; layers name their material")
         check_inputs(self.program, self.device)
+        check_held(self.program, self.device)
         if self.moves:
             self.check_density()
         check_probes(self)

@@ -156,6 +156,14 @@ class Support:
     kind: str = ""
 
 
+def not_held(motion: str) -> str:
+    """What is wrong where nothing holds the device against a motion, such as 'along X'."""
+    return (
+        f"nothing holds the device against motion {motion}; fix a part of it here, or drive a "
+        "mount by its displacement or a spring"
+    )
+
+
 @dataclass(frozen=True)
 class Sizes:
     """Characteristic sizes, with which residuals and path lengths are compared.

@@ -13,7 +13,7 @@ import numpy as np
 
 from dealib.config.follow import crossed
 from dealib.config.schema import Config
-from dealib.device.records import MOUNT, TURN
+from dealib.device.records import MOUNT, TURN, not_held
 from dealib.errors import ConfigError, ValueAt, anew, by_caller
 from dealib.fem.charging import Charging
 from dealib.fem.films import field_normals
@@ -165,11 +165,7 @@ class Engine:
         laws = {port.name: law(self.progress.drives[port.name], at) for port in moved}
         loaded = {n for n, found in laws.items() if found.value is None and not found.elements}
         if motion := unheld(self.problem, self.layout, loaded):
-            raise ValueAt(
-                ("holds",),
-                f"nothing holds the device against motion {motion}; fix a part of it here, or "
-                "drive a mount by its displacement or a spring",
-            )
+            raise ValueAt(("holds",), not_held(motion))
 
     def port_pairs(self) -> dict[str, tuple[float, float]]:
         """Value and dual of each port at the last residual."""
