@@ -421,6 +421,25 @@ def command(*arguments: object) -> Any:
     return CliRunner().invoke(app, [str(a) for a in arguments])
 
 
+def test_no_stage_after_the_last_one_asked_for_is_solved(small):
+    moves = ["program.1.dynamic=true", "stop_when=[kinetic_energy_mJ > 1 mJ]"]
+    given = dealib.load(small, set=[DENSITY, *moves])  # what only moves has, is not asked
+    cut = [
+        [s.stage for s in at_rest(given, stages, along).config.program]
+        for stages, along in (
+            ([], None),
+            (["push"], None),
+            (["push"], "charge"),
+            ([], "push"),
+            (["prestrain"], None),
+        )
+    ]
+    whole = ["push", "charge"]
+    assert cut == [whole, ["push"], whole, whole, ["prestrain"]]
+    states = dealib.Simulation(at_rest(given, ["prestrain"]))
+    assert [state.row["stage"] for state in states] == ["prestrain"]
+
+
 @pytest.mark.once
 def test_the_command_writes_what_it_finds(small, tmp_path):
     out = tmp_path / "modes"

@@ -9,28 +9,33 @@ from typing import Any
 import numpy as np
 
 from dealib.config.case import Case
+from dealib.config.program import Stage
+from dealib.config.stop import StopWhen
 from dealib.errors import ConfigError, did_you_mean
 from dealib.fem.modes import Modes
 from dealib.fem.vibrations import MORE, Vibrations, vibrations
+from dealib.observe.quantities import columns
 from dealib.program.engine import Engine
 from dealib.program.history import State
 
 _GRAMS = 1e6  # in a t
 
 
-def at_rest(case: Case, stages: Sequence[str]) -> Case:
+def at_rest(case: Case, stages: Sequence[str], along: str | None = None) -> Case:
     """The same case with quasi-static stages, whose last states are stored.
 
     Args:
         case: The case.
-        stages: Names of stages that it must have.
+        stages: Names of stages that it must have. No later ones are solved; without names, all.
+        along: Another stage that it must have.
 
     Raises:
         ConfigError: If a stage or a density is missing, or there is no potential.
     """
     config = case.config
     known = dict.fromkeys(["prestrain", *(stage.stage for stage in config.program)])
-    for name in stages:
+    wanted = {*stages, *([] if along is None else [along])}
+    for name in wanted:
         if name not in known:
             raise ConfigError(f"{case.path}: there is no stage {name!r}{did_you_mean(name, known)}")
     if config.physics.coupling != "energy":
@@ -38,11 +43,25 @@ def at_rest(case: Case, stages: Sequence[str]) -> Case:
     with case.blamed():
         config.check_density()
     program = tuple(s.model_copy(update={"dynamic": False}) for s in config.program)
-    changed = {
+    if stages:
+        last = max((k for k, s in enumerate(program) if s.stage in wanted), default=-1)
+        program = program[: last + 1] or (Stage(stage="prestrain"),)
+    changed: dict[str, Any] = {
         "program": program,
+        "stop_when": (),
         "output": config.output.model_copy(update={"fields": "stage", "modes": 0}),
         "sensing": config.sensing.model_copy(update={"charging": False}),
     }
+    cut = config.model_copy(update=changed)
+    there: Any = columns(cut)  # without later stages, or in equilibrium, some are not
+
+    def met(conditions: Sequence[StopWhen]) -> tuple[StopWhen, ...]:
+        return tuple(c for c in conditions if there[c.column].quantity.needs.has(cut))
+
+    changed["program"] = tuple(
+        s.model_copy(update={"stop_when": met(s.stop_when)}) for s in program
+    )
+    changed["stop_when"] = met(config.stop_when)
     return replace(case, config=config.model_copy(update=changed))
 
 

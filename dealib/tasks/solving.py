@@ -51,7 +51,7 @@ def modes(
 
     case = as_case(case)
     watch = Watch(stages, along, count)
-    still = at_rest(case, [*stages, *([along] if along is not None else [])])
+    still = at_rest(case, stages, along)
     directory = Path(directory or f"{case.config.directory}-modes")
     refuse_full_disk(still.config, directory)
     first = options.get("comm", MPI.COMM_WORLD).rank == 0
