@@ -1,7 +1,8 @@
 """Estimates of a run's unknowns, memory, time and disk space.
 
-They are linear fits to measurements with 4,000 to 600,000 unknowns; `dealib.config.linear` gives
-the memory. Tests check them to a factor of two.
+Unknowns of layers and of mesh files are counted, those of free air and blocks estimated, within a
+fifth. Time and disk space are linear fits to measurements with 4,000 to 600,000 unknowns;
+`dealib.config.linear` gives the memory. Tests check them to a factor of two.
 """
 
 from __future__ import annotations
@@ -14,12 +15,14 @@ from pathlib import Path
 
 from dealib.config.linear import choose, machine_memory, not_iterative
 from dealib.config.schema import Config
+from dealib.device.count import of_file, of_layers
 from dealib.errors import ConfigError, ValueAt, by_caller
 
-# unknowns per cell by polynomial order: of a plane, a solid, a line and a sheet
+# unknowns per cell of what is not counted, by polynomial order: of a plane, of a solid
 _UNKNOWNS = {1: 3.2, 2: 11.0}
 _UNKNOWNS_SOLID = {1: 5.3, 2: 37.0}
-_UNKNOWNS_LINE, _UNKNOWNS_SHEET = {1: 2.0, 2: 4.0}, {1: 3.0, 2: 12.0}
+_LARGE = 30_000_000  # bytes of a mesh file, above which its cells are not counted
+_BYTES = {2: 90, 3: 120}  # of such a file per cell, with its nodes
 _PER_NODE = 2.4  # unknowns per node of the stored fields
 _SECONDS = 1.5, 2e-5  # at the start, and per unknown and step
 _DISK = 205.0  # bytes per node and stored step
@@ -60,7 +63,7 @@ def size(config: Config, unknowns: float | None = None) -> Size:
         unknowns: Number of unknowns, if it is known.
     """
     if unknowns is None:
-        unknowns = _unknowns_per_cell(config) * _cells(config)
+        unknowns = _unknowns(config)
     steps = _steps(config)
     stored = {"every": steps + 1, "stage": len(config.program), "none": 0}[config.output.fields]
     return Size(
@@ -109,33 +112,32 @@ def refuse_full_disk(config: Config, directory: Path) -> None:
         )
 
 
-def _unknowns_per_cell(config: Config) -> float:
-    """Unknowns per cell; in the mixed form the pressure is linear in each cell."""
-    space, order = config.device.kinematics, config.mesh.order
-    if space.sheet:
-        return (_UNKNOWNS_SHEET if space.dim == 3 else _UNKNOWNS_LINE)[order]
-    mixed = space.dim + 1 if config.physics.formulation == "mixed" else 0
-    return (_UNKNOWNS_SOLID if space.dim == 3 else _UNKNOWNS)[order] + mixed
-
-
-def _cells(config: Config) -> float:
-    m, laminate = config.mesh, config.device.laminate
-    file = config.mesh_file
+def _unknowns(config: Config) -> float:
+    """Unknowns of layers or of a mesh file, counted, and those of what Gmsh fills freely."""
+    m, device, file = config.mesh, config.device, config.mesh_file
+    mixed, laminate = config.physics.formulation == "mixed", device.laminate
+    a_cell = (_UNKNOWNS_SOLID if device.kinematics.dim == 3 else _UNKNOWNS)[m.order]
     if file is not None:
-        return os.path.getsize(file) / 90  # bytes of the file per cell, with its nodes
+        if os.path.getsize(file) > _LARGE:
+            return a_cell * os.path.getsize(file) / _BYTES[device.kinematics.dim]
+        return of_file(device, Path(file), m.order, mixed)
     assert laminate is not None
+    return of_layers(device, laminate, m, mixed) + a_cell * _around(config)
+
+
+def _around(config: Config) -> float:
+    """Cells of blocks and air."""
+    m, laminate = config.mesh, config.device.laminate
+    assert laminate is not None
+    cells = 800.0 if laminate.blocks is not None else 0.0
     along = float(_capped(m.columns))
+    if laminate.sheet:
+        return 0.0
     if laminate.solid:
         round_ = laminate.base.along == "R"
         core = _capped(m.sectors) if round_ and laminate.base.limits[0] == 0 else 0  # of a disc
         across = (4 if round_ else 2) * _capped(m.sectors)
         along = (along + core) * across / 2 ** len(laminate.symmetry)
-    if laminate.sheet:
-        return along
-    rows = (x.rows or (m.electrode_rows if x.conducts else m.film_rows) for x in laminate.layers)
-    cells = along * sum(map(_capped, rows))
-    if laminate.blocks is not None:
-        cells += 800
     if height := laminate.air_height:
         first, last = laminate.base.limits
         cells += 9.5 * along + 2 * (last - first) * height / (m.air_size or height / 5) ** 2

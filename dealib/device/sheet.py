@@ -36,7 +36,7 @@ def build(gmsh: Any, laminate: Laminate, mesh: Any) -> None:
         at = {"X": plan.centres[:, 0], "Y": plan.centres[:, 1]}
         at["R"] = np.hypot(at["X"], at["Y"])
     else:
-        points, cells, ends = _line(laminate, mesh)
+        points, cells, ends = line(laminate, mesh)
         at = {laminate.base.along: points[cells[:, 2], 0]}
     if order == 1:
         cells = cells[:, : 2 * dim]
@@ -76,7 +76,7 @@ def _areas(laminate: Laminate, at: dict[str, Array]) -> dict[str, Any]:
     return {name: joined == name for name in dict.fromkeys(joined.tolist())}
 
 
-def _line(laminate: Laminate, mesh: Any) -> tuple[Array, Ints, dict[str, Ints]]:
+def line(laminate: Laminate, mesh: Any) -> tuple[Array, Ints, dict[str, Ints]]:
     """Points (nodes, 1), cells (cells, 3; the middle last) and ends of the base as a line."""
     base = laminate.base
     breaks = laminate.breaks(base.along, base.limits)

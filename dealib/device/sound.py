@@ -16,7 +16,7 @@ _HEXAHEDRON = np.array(
     ]
 )
 # ends of the sides in the order of their middle nodes, by dimension and number of corners
-_SIDES = {
+SIDES = {
     (2, 3): np.array([[0, 1], [1, 2], [2, 0]]),
     (2, 4): np.array([[0, 1], [1, 2], [2, 3], [3, 0]]),
     (3, 4): np.array([[0, 1], [1, 2], [2, 0], [3, 0], [2, 3], [1, 3]]),
@@ -80,7 +80,7 @@ def fault(mesh: MeshFile, dim: int = 2) -> str:
         if len(flat):
             return f"the cell {_at(x[flat[0]].mean(axis=0))} is flat or folded"
         if corners.shape != nodes.shape and len(
-            off := _off_middle(points[nodes], _SIDES[dim, corners.shape[1]])
+            off := _off_middle(points[nodes], SIDES[dim, corners.shape[1]])
         ):
             return f"the node {_at(off[0])} is not in the middle of its side"
     cells = [_turned(points, corners) for _, corners in kinds]
