@@ -87,6 +87,26 @@ def across(axis: int, at: float) -> list[int]:
     return [tag for _, tag in gmsh.model.getEntitiesInBoundingBox(*low, *high, 2)]
 
 
+def layer(low: list[int], thickness: float) -> tuple[list[int], list[int]]:
+    """Draw a layer of one hexahedron's thickness on surfaces: those above them, and volumes."""
+    for surface in low:
+        gmsh.model.geo.mesh.setRecombine(2, surface)
+    pairs = [(2, surface) for surface in low]
+    found = gmsh.model.geo.extrude(pairs, 0, 0, thickness, [1], recombine=True)
+    # of each surface that is drawn up comes first the one above, then the volume
+    above = [tag for (_, tag), (dim, _) in pairwise(found) if dim == 3]
+    return above, [tag for dim, tag in found if dim == 3]
+
+
+def finish(volumes: list[int], faces: dict[str, list[int]]) -> None:
+    """Name the faces and the film, and mesh them in second order."""
+    for name, tags in faces.items():
+        gmsh.model.addPhysicalGroup(2, tags, name=name)
+    gmsh.model.addPhysicalGroup(3, volumes, name="film")
+    gmsh.model.mesh.generate(3)
+    gmsh.model.mesh.setOrder(2)
+
+
 def two_layers(low: list[int], held: int) -> None:
     """Draw two layers of 0.5 mm on surfaces at Z = -0.5 mm, name their faces, and mesh them.
 
@@ -94,24 +114,11 @@ def two_layers(low: list[int], held: int) -> None:
         low: The surfaces.
         held: Where the first of them is held: 0 below, 1 between the layers.
     """
-    geo = gmsh.model.geo
-    for surface in low:
-        geo.mesh.setRecombine(2, surface)
-    layers = [low]
-    volumes = []
-    for _ in range(2):
-        found = geo.extrude([(2, s) for s in layers[-1]], 0, 0, 0.5, [1], recombine=True)
-        volumes += [tag for dim, tag in found if dim == 3]
-        # of each surface that is drawn up comes first the one above, then the volume
-        layers.append([tag for (_, tag), (dim, _) in pairwise(found) if dim == 3])
-    geo.synchronize()
-    faces = {"held": layers[held][:1], "middle": layers[1], "top": layers[2]}
-    faces |= {"x0": across(0, 0), "y0": across(1, 0)}
-    for name, tags in faces.items():
-        gmsh.model.addPhysicalGroup(2, tags, name=name)
-    gmsh.model.addPhysicalGroup(3, volumes, name="film")
-    gmsh.model.mesh.generate(3)
-    gmsh.model.mesh.setOrder(2)
+    middle, below = layer(low, 0.5)
+    top, above = layer(middle, 0.5)
+    gmsh.model.geo.synchronize()
+    faces = {"held": (low, middle)[held][:1], "middle": middle, "top": top}
+    finish(below + above, faces | {"x0": across(0, 0), "y0": across(1, 0)})
 
 
 def gripper(size: float = 4.0) -> None:
@@ -187,20 +194,12 @@ def blister(size: float = 12.0) -> None:
     lines = [geo.addLine(*ends) for ends in pairwise([o, *outer, o])]
     loops = ([lines[0], rim, lines[5]], [*lines[1:5], -rim])
     low = [geo.addPlaneSurface([geo.addCurveLoop(loop)]) for loop in loops]
-    for surface in low:
-        geo.mesh.setRecombine(2, surface)
-    found = geo.extrude([(2, s) for s in low], 0, 0, 0.612, [1], recombine=True)
-    volumes = [tag for dim, tag in found if dim == 3]
+    above, volumes = layer(low, 0.612)
     geo.synchronize()
-    faces = {
-        "bottom": low, "electrode": [found[0][1]],
+    finish(volumes, {
+        "bottom": low, "electrode": above[:1],
         "x0": across(0, 0), "y0": across(1, 0), "held": across(0, 75) + across(1, 75),
-    }  # fmt: skip
-    for name, tags in faces.items():
-        gmsh.model.addPhysicalGroup(2, tags, name=name)
-    gmsh.model.addPhysicalGroup(3, volumes, name="film")
-    gmsh.model.mesh.generate(3)
-    gmsh.model.mesh.setOrder(2)
+    })  # fmt: skip
 
 
 def cylinder(around: int = 8, along: int = 16) -> None:

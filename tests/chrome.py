@@ -19,9 +19,7 @@ FLAGS = (
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-sync",
-    "--remote-debugging-pipe",
 )
-
 
 PATIENCE = 240  # seconds: other tests may keep the machine busy
 HINTS = ("GPU stall", "willReadFrequently", "no longer repeat")  # of drawing without a GPU
@@ -47,7 +45,13 @@ class Chrome:
 
         environment = os.environ | {"DBUS_SESSION_BUS_ADDRESS": "disabled:"}
         self._process = subprocess.Popen(
-            [BROWSER, *FLAGS, f"--user-data-dir={folder}", "--window-size=1500,950"],
+            [
+                BROWSER,
+                *FLAGS,
+                "--remote-debugging-pipe",
+                f"--user-data-dir={folder}",
+                "--window-size=1500,950",
+            ],
             preexec_fn=ends,
             close_fds=False,
             stderr=subprocess.DEVNULL,

@@ -312,7 +312,7 @@ def test_the_estimate_holds_in_other_spaces(name, changes, unknowns, memory):
 def test_unknowns_are_counted_before_there_is_a_mesh(name):
     """Patches, triangles, tetrahedra, mounts, layers of some thickness, air."""
     config = case(name).config
-    domain = build_domain(config, MPI.COMM_WORLD)
+    domain = build_domain(config, MPI.COMM_WORLD, None)
     mixed = config.physics.formulation == "mixed"
     spaces = build_spaces(domain, config.mesh.order, mixed)
     solved = build_map(domain, spaces, config, config.sensing.charging).owned

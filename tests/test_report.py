@@ -10,6 +10,7 @@ import subprocess
 
 import h5py
 import pytest
+from chrome import BROWSER, FLAGS, HINTS
 from matplotlib.image import imread
 
 import dealib
@@ -21,21 +22,7 @@ from dealib.report.page import render
 from dealib.report.space import library
 
 pytestmark = pytest.mark.once  # pages
-BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--enable-unsafe-swiftshader",
-    "--disable-quic",
-    "--no-first-run",
-    "--hide-scrollbars",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--enable-logging=stderr",
-)
-HINTS = ("GPU stall", "willReadFrequently")  # of speed, where the browser draws without a GPU
+LOUD = ("--hide-scrollbars", "--enable-logging=stderr")
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +141,7 @@ def browse(page, folder, *options):
     """Run the browser on a page; returns what it prints."""
     environment = os.environ | {"DBUS_SESSION_BUS_ADDRESS": "disabled:"}
     return subprocess.run(
-        [BROWSER, *FLAGS, f"--user-data-dir={folder}", *options, page.as_uri()],
+        [BROWSER, *FLAGS, *LOUD, f"--user-data-dir={folder}", *options, page.as_uri()],
         capture_output=True,
         text=True,
         timeout=120,

@@ -9,9 +9,10 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from chrome import BROWSER
 from laminates import FILM, config, layer
 from test_pictures import changed, simulated
-from test_report import BROWSER, browse
+from test_report import browse
 
 from dealib.plots.shape import Shape
 from dealib.plots.surface import patches
