@@ -70,7 +70,17 @@ def _loads(problem: Problem, test: Any) -> Any:
     return sum(ufl.derivative(problem.load_of(port), problem.spaces.w, test) for port in ports)
 
 
-# --- ports without degrees of freedom ------------------------------------------------------------
+def _field(problem: Problem) -> Any:
+    """Second variation of the electric energies, squares of the potential, by it alone."""
+    V, last = problem.spaces.potential[0], len(problem.spaces.w) - problem.kinematics.dim - 1
+    test, trial = (
+        ufl.as_vector([*[0] * problem.kinematics.dim, f(V), *[0] * last])
+        for f in (ufl.TestFunction, ufl.TrialFunction)
+    )
+    return problem.second(problem.electric, test, trial)
+
+
+# --- ports that no degree of freedom follows -----------------------------------------------------
 
 
 def _dual(problem: Problem, port: str) -> Any:
@@ -153,6 +163,7 @@ FORMS: dict[str, Callable[[Problem], Any]] = {
     "mesh_residual": partial(_residual, True),
     "mesh_tangent": partial(_tangent, True),
     "along": _along,
+    "field": _field,
     "locked": _locked,
     "mounted": _mounted,
     "product": _product,

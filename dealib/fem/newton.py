@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import weakref
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 from petsc4py import PETSc
@@ -12,6 +13,8 @@ from petsc4py import PETSc
 from dealib.config.schema import Config
 from dealib.errors import NotConverged
 from dealib.fem.compat import DIVERGED_NAN, free
+from dealib.fem.constraints import FIELDS
+from dealib.fem.electrostatics import Electrostatics
 from dealib.fem.linear import (
     Factor,
     factorisation_seconds,
@@ -50,10 +53,9 @@ class Newton:
         linear_solves: Linear systems of the last solve, corrections included.
         linear_iterations: Linear iterations of the last solve; one for each direct solution.
         total: Iterations of all solves.
-        factored: Whether there is a tangent, of some state.
-        iterative: Whether the linear solver is iterative.
-        usable: Whether PETSc's solver can go on, as it cannot after `Singular`.
-        linear_solver: Description of the linear solver and its memory.
+        iterative: Whether linear systems are solved by iterations.
+        usable: Whether PETSc's solver can go on; not after a tangent without a factorisation.
+        linear_solver: What it is, and its memory.
 
     Args:
         problem: The problem.
@@ -85,7 +87,6 @@ class Newton:
         self.iterations = self.linear_solves = self.linear_iterations = self.total = 0
         self._judge = Judge(self.system)
         self._most = _iterations(problem.config)
-        self.factored = False
         self._logged = factorisation_seconds()
         self._size, self._again = math.inf, False
 
@@ -152,7 +153,11 @@ class Newton:
     def assemble(self) -> None:
         """Assemble the tangent at the last residual; PETSc factorises it when it is needed."""
         self.system.tangent(self.system.matrix)
-        self.factored = True
+
+    @cached_property
+    def electrostatics(self) -> Electrostatics:
+        """Solves for the field with the body frozen."""
+        return Electrostatics(self.system, self.iterative)
 
     @property
     def factorisation_seconds(self) -> float:
