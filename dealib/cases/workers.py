@@ -147,9 +147,9 @@ def _death(code: int | None) -> str:
 
 
 def _serve(pipe: Connection) -> None:
-    """Life of a worker process: until its pipe is closed, or it is told to end."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all: the parent decides
-    gc.set_threshold(20_000)  # what is imported comes to stay, and a case makes hardly any garbage
+    """Main loop of a worker process; it ends when the pipe is closed or a signal comes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent acts
+    gc.set_threshold(20_000)  # imported modules stay, and a case makes hardly any garbage
     with suppress(EOFError, OSError, Interrupted):
         while True:
             job = pipe.recv()

@@ -280,7 +280,7 @@ def _dofs(W: Any, path: tuple[int, ...], dim: int, entities: Ints) -> Ints:
 
 
 def owners_decide(W: Any, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Overwrite ghost entries with their owners' (floats carry the integers exactly)."""
+    """Overwrite ghost entries by their owners'; the integers are exact as floats."""
     carrier = fem.Function(W)
     carrier.x.array[:] = values
     carrier.x.scatter_forward()

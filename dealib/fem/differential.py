@@ -16,7 +16,7 @@ from dealib.fem.problem import Problem
 
 Array = npt.NDArray[np.float64]
 
-_SMALL = 1e-4  # change of a port, of its size
+_SMALL = 1e-4  # change of a port over its characteristic size
 
 
 def port_stiffness(newton: Newton) -> Array:
@@ -103,9 +103,9 @@ def test_fields(newton: Newton) -> list[Any]:
 
 
 def capacitances(newton: Newton) -> Array:
-    """Charges on all terminals at unit voltage of each, the body frozen, nF (collective).
+    """Maxwell's capacitance matrix with the body fixed, nF (collective).
 
-    Of a sheet, whose layers have no potential of their own, they are derivatives of its charges.
+    For a sheet, which has no potential field, it consists of derivatives of the charges.
 
     Returns:
         Charges on terminals at unit voltage of each one, (terminals, terminals), symmetric.

@@ -1,4 +1,4 @@
-"""The electric field with the body frozen: the matrix of the potential alone, and capacitances."""
+"""The electric field with the body fixed: the matrix of the potential, and capacitances."""
 
 from __future__ import annotations
 

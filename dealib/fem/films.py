@@ -98,7 +98,7 @@ class FilmPoints:
         return np.asarray(size * (self.film.material.thickness or 1.0))
 
     def nodal(self) -> Array:
-        """Nodal values of the cells in the present state, (cells, nodes, columns)."""
+        """Nodal values of the cells in the current state, (cells, nodes, columns)."""
         return self.layout.local(self.cells)
 
     def tensions(self, k: stress.Deformation, nodal: Array, internal: Array | None) -> Array:

@@ -71,7 +71,7 @@ def _loads(problem: Problem, test: Any) -> Any:
 
 
 def _field(problem: Problem) -> Any:
-    """Second variation of the electric energies, squares of the potential, by it alone."""
+    """Second variation of the electric energies by the potential, in which they are quadratic."""
     V, last = problem.spaces.potential[0], len(problem.spaces.w) - problem.kinematics.dim - 1
     test, trial = (
         ufl.as_vector([*[0] * problem.kinematics.dim, f(V), *[0] * last])
@@ -80,7 +80,7 @@ def _field(problem: Problem) -> Any:
     return problem.second(problem.electric, test, trial)
 
 
-# --- ports that no degree of freedom follows -----------------------------------------------------
+# --- ports without degrees of freedom ------------------------------------------------------------
 
 
 def _dual(problem: Problem, port: str) -> Any:

@@ -13,7 +13,6 @@ from petsc4py import PETSc
 from dealib.config.schema import Config
 from dealib.errors import NotConverged
 from dealib.fem.compat import DIVERGED_NAN, free
-from dealib.fem.constraints import FIELDS
 from dealib.fem.electrostatics import Electrostatics
 from dealib.fem.linear import (
     Factor,
@@ -53,9 +52,9 @@ class Newton:
         linear_solves: Linear systems of the last solve, corrections included.
         linear_iterations: Linear iterations of the last solve; one for each direct solution.
         total: Iterations of all solves.
-        iterative: Whether linear systems are solved by iterations.
-        usable: Whether PETSc's solver can go on; not after a tangent without a factorisation.
-        linear_solver: What it is, and its memory.
+        iterative: Whether the linear solver is iterative.
+        usable: Whether PETSc's solver can go on, as it cannot after `Singular`.
+        linear_solver: Description of the linear solver and its memory.
 
     Args:
         problem: The problem.
@@ -156,7 +155,7 @@ class Newton:
 
     @cached_property
     def electrostatics(self) -> Electrostatics:
-        """Solves for the field with the body frozen."""
+        """Solves for the field with the body fixed."""
         return Electrostatics(self.system, self.iterative)
 
     @property

@@ -281,14 +281,14 @@ class Problem:
         Args:
             name: 'elastic', 'electric' (energies); 'locked' (area near a law's limit);
                 'along' (the tangent's product with `direction`);
-                'mass', 'mass along' (of `rate_factor` times the mass, in that direction),
-                'inertia' (of `rate`), 'inertia work' (of `rate` in that direction);
-                'conductance' (of the electrodes along themselves);
-                'mounted' (volume of what carries stress), 'product' (of displacements over it);
-                'field' (second variation by the potential alone);
-                'residual', 'tangent' (of both, coupled); 'mesh_residual', 'mesh_tangent' (of the
-                air's fictitious elasticity); 'dual PORT', 'column PORT', 'corner PORT PORT' (first
-                and second derivatives of the potential by the values of ports in `values`).
+                'mass', 'mass along' (product of `rate_factor` times the mass with `direction`),
+                'inertia' (mass times `rate`), 'inertia work' (its product with `direction`);
+                'conductance' (of the electrodes); 'mounted' (volume of all materials),
+                'product' (of displacements over it); 'field' (second variation by the potential);
+                'residual', 'tangent' (of the potential or the coupling); 'mesh_residual',
+                'mesh_tangent' (of the air's fictitious elasticity); 'dual PORT', 'column PORT',
+                'corner PORT PORT' (first and second derivatives of the potential by the values of
+                ports in `values`).
         """
         if name not in self._forms:
             found = ufl_form(self, name)
@@ -400,7 +400,7 @@ class Problem:
 _OF_CONSTANTS = (
     *("elastic", "electric", "residual", "tangent", "along", "field", "mesh_residual"),
     *("mesh_tangent", "dual", "column", "corner"),
-)  # forms in which no number stands as such
+)  # forms whose numbers are all constants
 
 
 def quadrature_degree(order: int) -> int:

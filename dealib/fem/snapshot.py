@@ -148,7 +148,7 @@ class Snapshot:
         return found + (0.0 if self.viscosity is None else self.viscosity.stored)
 
     def capacitance(self, port: Port) -> float:
-        """Q/V of the one terminal, nF; at 0 V that of a unit test voltage with the body frozen.
+        """Q/V of the only terminal, nF.
 
         At 0 V, and for electrodes that charge in time, it is the small-signal capacitance with the
         body fixed and the electrodes fully charged.

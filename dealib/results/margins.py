@@ -95,7 +95,7 @@ class Film:
         return self.material.in_plane(k, one, two, pressure, internal)
 
     def thickness_stretch(self, k: stress.Deformation) -> Array:
-        """Thickness over the unstretched one: 1 / |F^-T n| since the unstretched state."""
+        """Thickness over unstretched thickness: 1 / |F^-T n| since the unstretched state."""
         n = np.einsum("...ji,...j", k.inverse, self.frame.n)
         rest = np.linalg.norm(self.frame.n * self.material.stretch, axis=-1)
         return np.asarray(rest / np.sqrt(dot(n, n)))
@@ -179,7 +179,7 @@ def _mounted_tension(material: stress.RegionMaterial, fresh: tuple[Branch, ...])
     if fresh:
         from scipy.optimize import brentq
 
-        ends = bracket(free, 1.0, 10.0)  # the volume alone sees to both signs
+        ends = bracket(free, 1.0, 10.0)  # found always: the change of volume gives both signs
         assert ends is not None
         across = float(brentq(free, *ends, xtol=1e-14))
     return float(principal(across)[list(material.plane)].min())

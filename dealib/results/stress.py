@@ -79,7 +79,7 @@ def _isotropic(
     """Factors a, b, c, d of S = a 1 + b C^-1 - c C + d e (x) e, e being the third direction."""
     q = J ** (-2 / 3)
     trace, hoop = C[..., 0, 0] + C[..., 1, 1] + C[..., 2, 2], C[..., 2, 2]
-    known = not (C[..., 0, 2].any() or C[..., 1, 2].any())  # it is a principal direction
+    known = not (C[..., 0, 2].any() or C[..., 1, 2].any())  # e is a principal direction
     reads, second = law.reads(known), np.zeros(())
     if "I2" in reads:
         second = (trace * trace - np.einsum("...ij,...ij", C, C)) / 2
@@ -151,7 +151,7 @@ def networks_pk(
 
 
 def _derivatives(law: Law, i: Invariants, reads: Collection[str]) -> Invariants:
-    """Derivatives of W by the invariants that it reads, by complex steps, exact to rounding."""
+    """Derivatives of W with respect to what it reads by complex steps, exact to rounding."""
     p, h = law.values, 1e-30
     found = {}
     for name, value in vars(i).items():

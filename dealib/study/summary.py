@@ -29,7 +29,7 @@ class Summary:
 
     @cached_property
     def rows(self) -> dict[tuple[str, str], dict[str, Any]]:
-        """The rows by study and case, read when the workers are busy already."""
+        """The rows by study and case, read once the workers have started."""
         return {(p.study.name, c.label): self._row(p, c) for p in self.plans for c in p.cases}
 
     def update(self, ended: Ended) -> None:
@@ -43,7 +43,7 @@ class Summary:
 
     def _row(self, plan: Plan, case: Planned, ended: Ended | None = None) -> dict[str, Any]:
         failed = {} if ended is None else {ended.job.key: ended}
-        results = Results(plan, self.cache, [standing(case, self.cache, failed)])
+        results = Results(plan, self.cache, [status(case, self.cache, failed)])
         return dict(results.table.iloc[0])
 
     def write(self) -> None:
