@@ -343,3 +343,14 @@ def test_ogden_device_is_the_neo_hookean_one(formulation):
         for column in ("force_N", "charge_uC", "elastic_energy_mJ", "thickness_stretch_min"):
             assert ours[column] == pytest.approx(theirs[column], rel=1e-9, abs=1e-12)
         assert abs(ours["newton_iterations"] - theirs["newton_iterations"]) <= 1
+
+
+@pytest.mark.parametrize("hoop", [True, False])
+@pytest.mark.parametrize("name", LAWS)
+def test_an_energy_changes_with_the_invariants_that_it_reads_alone(name, hoop):
+    given = law(name, **LAWS[name].example())
+    values = {"I1": 3.4, "I2": 3.3, "J": 1.02, "hoop": 0.8 if hoop else None}
+    energy = given.energy(Invariants(**values), given.values)
+    for which in (n for n, value in values.items() if value is not None):
+        moved = given.energy(Invariants(**values | {which: 1.01 * values[which]}), given.values)
+        assert bool(moved != energy) is (which in given.reads(hoop)), which

@@ -87,15 +87,11 @@ class Charging:
         same = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
         matrix.axpy(-self._h, self._conductance(matrix), structure=same)
 
-    @contextmanager
-    def at_once(self) -> Iterator[None]:
-        """A context in which the electrodes are fully charged."""
-        kept = self._h, self._load
-        self._h, self._load = _LONG, np.zeros_like(self._load)
-        try:
-            yield
-        finally:
-            self._h, self._load = kept
+    def add_long(self, matrix: Any, chosen: Any) -> None:
+        """Add it to chosen rows and columns of a tangent, as if there had been long to charge."""
+        assert self._matrix is not None  # since the first residual
+        conductance = self._matrix.createSubMatrix(chosen, chosen)
+        matrix.axpy(-_LONG, conductance, structure=PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN)
 
     # --- steps -----------------------------------------------------------------------------------
 

@@ -171,7 +171,7 @@ def build(domain: Domain, spaces: Spaces, contact: str | None = None) -> Constra
         for k in range(device.kinematics.dim):
             where[_dofs(W, (0, k), domain.dim, domain.cells(region.name))] = True
     for array in (kind, solid, in_air):
-        _owners_decide(W, array)
+        owners_decide(W, array)
     potential = np.zeros(total, bool)
     if not device.kinematics.sheet:
         potential[_dofs(W, (1,), domain.dim, domain.all_cells)] = True
@@ -185,7 +185,7 @@ def build(domain: Domain, spaces: Spaces, contact: str | None = None) -> Constra
     numbers[free] = offset + np.arange(len(free))
     for i in range(len(names)):
         numbers[np.flatnonzero(kind == _FIRST_PORT + i)] = first_port + i
-    columns = _owners_decide(W, numbers).astype(np.int32)
+    columns = owners_decide(W, numbers).astype(np.int32)
 
     which = [potential[free], mesh_only[free], pressure[free]]
     field = np.select(which, [1, 2, 3]).astype(np.int32)
@@ -279,7 +279,7 @@ def _dofs(W: Any, path: tuple[int, ...], dim: int, entities: Ints) -> Ints:
     return np.asarray(fem.locate_dofs_topological(W, dim, entities))
 
 
-def _owners_decide(W: Any, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def owners_decide(W: Any, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     """Overwrite ghost entries by their owners'; the integers are exact as floats."""
     carrier = fem.Function(W)
     carrier.x.array[:] = values

@@ -167,6 +167,12 @@ class Spaces:
     order: int
     pressure_element: Any = None
 
+    @cached_property
+    def potential(self) -> tuple[Any, Any]:
+        """The space of the potential by itself, and its degrees of freedom in the mixed one."""
+        space, dofs = self.W.sub(1).collapse()
+        return space, np.asarray(dofs)
+
 
 def node_positions(domain: Domain, cell: Cell) -> Any:
     """Coordinates of the nodes of each local cell in the space's axes, (cells, nodes, axes), mm."""

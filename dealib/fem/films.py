@@ -99,7 +99,7 @@ class FilmPoints:
 
     def nodal(self) -> Array:
         """Nodal values of the cells in the current state, (cells, nodes, columns)."""
-        return self.layout.local()[self.cells]
+        return self.layout.local(self.cells)
 
     def tensions(self, k: stress.Deformation, nodal: Array, internal: Array | None) -> Array:
         """In-plane true stresses (see `Film.tensions`), averaged through a layer's thickness.

@@ -70,6 +70,16 @@ def _loads(problem: Problem, test: Any) -> Any:
     return sum(ufl.derivative(problem.load_of(port), problem.spaces.w, test) for port in ports)
 
 
+def _field(problem: Problem) -> Any:
+    """Second variation of the electric energies by the potential, in which they are quadratic."""
+    V, last = problem.spaces.potential[0], len(problem.spaces.w) - problem.kinematics.dim - 1
+    test, trial = (
+        ufl.as_vector([*[0] * problem.kinematics.dim, f(V), *[0] * last])
+        for f in (ufl.TestFunction, ufl.TrialFunction)
+    )
+    return problem.second(problem.electric, test, trial)
+
+
 # --- ports without degrees of freedom ------------------------------------------------------------
 
 
@@ -153,6 +163,7 @@ FORMS: dict[str, Callable[[Problem], Any]] = {
     "mesh_residual": partial(_residual, True),
     "mesh_tangent": partial(_tangent, True),
     "along": _along,
+    "field": _field,
     "locked": _locked,
     "mounted": _mounted,
     "product": _product,

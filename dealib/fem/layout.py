@@ -137,9 +137,11 @@ class Layout:
         """Degrees of freedom of the displacement along each axis, (rows, nodes) each."""
         return tuple(dofs[self._cells] for dofs in self._dofs[: self._problem.kinematics.dim])
 
-    def local(self) -> Floats:
-        """Nodal values of the local cells, ghosts included: (rows, nodes, columns)."""
+    def local(self, rows: Any = slice(None)) -> Floats:
+        """Nodal values of rows, ghosts included: (rows, nodes, columns); default of all."""
         w = self._problem.spaces.w.x.array
+        if self._simple:
+            return np.asarray(w[self._every_dof[rows]])
         columns = [w[d[self._cells]] for d in self._dofs]
         if self._problem.kinematics.sheet:
             columns.append(np.broadcast_to(self._voltages()[:, None], columns[0].shape))
@@ -149,7 +151,16 @@ class Layout:
         if self._pressure is not None:
             dofs, basis = self._pressure
             columns.append(w[dofs] @ basis.T)
-        return np.stack(columns, axis=-1)
+        return np.stack(columns, axis=-1)[rows]
+
+    @cached_property
+    def _every_dof(self) -> Any:
+        """Degrees of freedom of the nodal values where each is one, (rows, nodes, columns)."""
+        return np.stack([dofs[self._cells] for dofs in self._dofs], axis=-1)
+
+    @property
+    def _simple(self) -> bool:
+        return self._pressure is None and not self._problem.kinematics.sheet
 
     @property
     def _wrinkled(self) -> Any:

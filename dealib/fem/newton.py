@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import weakref
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 from petsc4py import PETSc
@@ -12,6 +13,7 @@ from petsc4py import PETSc
 from dealib.config.schema import Config
 from dealib.errors import NotConverged
 from dealib.fem.compat import DIVERGED_NAN, free
+from dealib.fem.electrostatics import Electrostatics
 from dealib.fem.linear import (
     Factor,
     factorisation_seconds,
@@ -50,7 +52,6 @@ class Newton:
         linear_solves: Linear systems of the last solve, corrections included.
         linear_iterations: Linear iterations of the last solve; one for each direct solution.
         total: Iterations of all solves.
-        factored: Whether there is a tangent, of some state.
         iterative: Whether the linear solver is iterative.
         usable: Whether PETSc's solver can go on, as it cannot after `Singular`.
         linear_solver: Description of the linear solver and its memory.
@@ -85,7 +86,6 @@ class Newton:
         self.iterations = self.linear_solves = self.linear_iterations = self.total = 0
         self._judge = Judge(self.system)
         self._most = _iterations(problem.config)
-        self.factored = False
         self._logged = factorisation_seconds()
         self._size, self._again = math.inf, False
 
@@ -152,7 +152,11 @@ class Newton:
     def assemble(self) -> None:
         """Assemble the tangent at the last residual; PETSc factorises it when it is needed."""
         self.system.tangent(self.system.matrix)
-        self.factored = True
+
+    @cached_property
+    def electrostatics(self) -> Electrostatics:
+        """Solves for the field with the body fixed."""
+        return Electrostatics(self.system, self.iterative)
 
     @property
     def factorisation_seconds(self) -> float:

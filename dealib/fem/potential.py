@@ -284,10 +284,11 @@ class Problem:
                 'mass', 'mass along' (product of `rate_factor` times the mass with `direction`),
                 'inertia' (mass times `rate`), 'inertia work' (its product with `direction`);
                 'conductance' (of the electrodes); 'mounted' (volume of all materials),
-                'product' (of displacements over it); 'residual', 'tangent' (of the potential or the
-                coupling); 'mesh_residual', 'mesh_tangent' (of the air's fictitious elasticity);
-                'dual PORT', 'column PORT', 'corner PORT PORT' (first and second derivatives of the
-                potential by the values of ports in `values`).
+                'product' (of displacements over it); 'field' (second variation by the potential);
+                'residual', 'tangent' (of the potential or the coupling); 'mesh_residual',
+                'mesh_tangent' (of the air's fictitious elasticity); 'dual PORT', 'column PORT',
+                'corner PORT PORT' (first and second derivatives of the potential by the values of
+                ports in `values`).
         """
         if name not in self._forms:
             found = ufl_form(self, name)
@@ -397,8 +398,8 @@ class Problem:
 
 
 _OF_CONSTANTS = (
-    *("elastic", "electric", "residual", "tangent", "along", "mesh_residual", "mesh_tangent"),
-    *("dual", "column", "corner"),
+    *("elastic", "electric", "residual", "tangent", "along", "field", "mesh_residual"),
+    *("mesh_tangent", "dual", "column", "corner"),
 )  # forms whose numbers are all constants
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from dealib.config.schema import Config
 from dealib.device.device import Device
 from dealib.device.records import TERMINAL, Port
-from dealib.fem.differential import capacitance, capacitance_matrix, condensed, port_stiffness
+from dealib.fem.differential import capacitances, condensed, port_stiffness
 from dealib.fem.films import FilmPoints
 from dealib.fem.inertia import Inertia
 from dealib.fem.modes import Modes
@@ -62,14 +62,10 @@ class FilmState:
         self.k: stress.Deformation = points.points.deformation(self._nodal, self._internal)
 
     @cached_property
-    def total(self) -> Array:
-        """Deformation gradient since the unstretched state."""
-        return np.asarray(self.k.F * self.film.material.stretch)
-
-    @cached_property
     def principal_stretch(self) -> Array:
         """Largest principal stretch at the points."""
-        return principal_stretch(self.total)
+        stretch = self.film.material.stretch
+        return principal_stretch(self.k.C * np.outer(stretch, stretch))
 
     @cached_property
     def tensions(self) -> Array:
@@ -161,13 +157,13 @@ class Snapshot:
         small = 1e-6 * self.newton.system.problem.domain.sizes.thickness  # 1e-6 kV/mm
         if abs(volts) > small and self.newton.system.charging is None:
             return self.dual(port) / volts
-        return capacitance(self.newton, port.name)
+        return self.capacitances[port.name, port.name]
 
     @cached_property
     def capacitances(self) -> dict[tuple[str, str], float]:
-        """Charge on one terminal at unit voltage of another one, nF, by the names of both."""
+        """Charge on each terminal at unit voltage of another one, nF."""
         names = [port.name for port in self.device.of(TERMINAL)]
-        found = capacitance_matrix(self.newton)
+        found = capacitances(self.newton)
         return {(a, b): found[i, j] for i, a in enumerate(names) for j, b in enumerate(names)}
 
     @cached_property

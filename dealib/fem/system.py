@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.fem import petsc as fem_petsc
 
-from dealib.device.records import MOUNT, TURN
+from dealib.device.records import MOUNT, TERMINAL, TURN
 from dealib.fem import compat
 from dealib.fem.charging import Charging
 from dealib.fem.constraints import FIELDS
@@ -72,6 +72,8 @@ class System:
                 assembled += [f"dual {port}", f"column {port}"]
                 assembled += [f"corner {port} {other}" for other in problem.values]
             assembled += ["along"] if self.map.platforms else []
+            if problem.sheet is None and problem.device.of(TERMINAL):
+                assembled.append("field")
             for name in ("elastic", "electric", *assembled):
                 problem.form(name)
             self._local = compat.create_vector(problem.spaces.W, self.map.comm)

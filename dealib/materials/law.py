@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -41,6 +42,9 @@ def invariants_of_stretches(l1: Any, l2: Any, l3: Any) -> Invariants:
     return Invariants(q * (a + b + c), q * q * (a * b + b * c + c * a), J, q * c)
 
 
+_READ: dict[tuple[type, bool], frozenset[str]] = {}  # see `Law.reads`
+
+
 class Law(BaseModel):
     """Base of the laws: strain energy density per unstretched volume, in MPa."""
 
@@ -63,6 +67,7 @@ class Law(BaseModel):
         return str(get_args(cls.model_fields["law"].annotation)[0])
 
     @classmethod
+    @functools.cache
     def names(cls) -> tuple[str, ...]:
         """The law's own parameters, in order."""
         law = next(c for c in cls.__mro__ if issubclass(c, Law) and Law in c.__bases__)
@@ -140,6 +145,20 @@ class Law(BaseModel):
     def values(self) -> SimpleNamespace:
         """The parameters as `energy` takes them."""
         return SimpleNamespace(**self.parameters, **self.fixed)
+
+    def reads(self, hoop: bool) -> frozenset[str]:
+        """Names of the invariants that its energy depends on.
+
+        Args:
+            hoop: Whether the hoop's is known.
+        """
+        key = type(self), hoop
+        if key not in _READ:
+            rest = Invariants(3.0, 3.0, 1.0, 1.0 if hoop else None)
+            each = {n: replace(rest, **{n: np.nan}) for n, x in vars(rest).items() if x is not None}
+            p = self.values
+            _READ[key] = frozenset(n for n, i in each.items() if np.isnan(self.energy(i, p)))
+        return _READ[key]
 
     @property
     def shear_modulus_at_rest(self) -> float:

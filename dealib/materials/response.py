@@ -142,7 +142,8 @@ def curvature(law: Law, first: Any, second: Any) -> tuple[Array, Array]:
     a, b = (np.exp(2 * z).reshape(-1, *[1] * third.ndim) for z in (x + along[0], y + along[1]))
     with np.errstate(all="ignore"):
         l1, l2, l3 = first * a, second * b, third / (a * b)  # squared
-        i = Invariants(l1 + l2 + l3, l1 * l2 + (l1 + l2) * l3, np.ones(l3.shape), l3)
+        known = "I2" in law.reads(hoop=True)
+        i = Invariants(l1 + l2 + l3, l1 * l2 + (l1 + l2) * l3 if known else 3.0, 1.0, l3)
         slopes = np.broadcast_to(np.imag(law.energy(i, p)) / h, l3.shape)
         x1, x0, y1, y0, up, down = slopes
         second_derivatives = np.stack([x1 - x0, y1 - y0, up - down]) / (2 * step)
@@ -155,7 +156,6 @@ def stability_limit(law: Law, mode: str) -> float:
     Returns:
         The stretch; infinity if there is none up to 10.
     """
-    from scipy.optimize import brentq
 
     def value(l: Any) -> Array:
         return stiffness(law, l, _SECOND[mode](np.asarray(l, dtype=float)))
@@ -169,6 +169,8 @@ def stability_limit(law: Law, mode: str) -> float:
         return float("inf")
     if lost[0] == 0:
         return 1.0  # not even at rest
+    from scipy.optimize import brentq  # to import it takes longer than all the above
+
     return float(brentq(value, stretches[lost[0] - 1], stretches[lost[0]], xtol=1e-9))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
@@ -52,7 +53,7 @@ class Drive:
             return self.shape.at(cycle_fraction, self.knots[0])
         cycle = max(int(np.ceil(cycle_fraction)) - 1, 0)
         knots = self.in_cycle(cycle)
-        return float(np.interp(cycle_fraction - cycle, np.linspace(0, 1, len(knots)), knots))
+        return float(np.interp(cycle_fraction - cycle, _times(len(knots)), knots))
 
     def in_cycle(self, cycle: int) -> tuple[float, ...]:
         """Knots of a cycle, counted from 0.
@@ -82,6 +83,11 @@ class Drive:
         shape = plain["shape"] and Shape.restored(plain["shape"])
         knots = tuple(plain["knots"])
         return cls(**{**plain, "knots": knots, "element": element, "shape": shape})
+
+
+@functools.cache
+def _times(count: int) -> Any:
+    return np.linspace(0, 1, count)
 
 
 Drives = tuple[Drive, ...]  # of one port: a value, or loads and elements that add up

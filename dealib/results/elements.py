@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dealib.device.kinematics import by_component
+
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
@@ -62,25 +64,32 @@ def inverse(A: Array) -> Array:
 
     LAPACK, called once a matrix, takes thirty times as long.
     """
+    return inverted(A)[0]
+
+
+def inverted(A: Array) -> tuple[Array, Array]:
+    """The same, and the determinants."""
     if A.shape[-1] == 1:
-        return np.asarray(1 / A)
+        return np.asarray(1 / A), A[..., 0, 0]
     if A.shape[-1] == 2:
         a, b, c, d = A[..., 0, 0], A[..., 0, 1], A[..., 1, 0], A[..., 1, 1]
         cofactors = np.stack([np.stack([d, -b], -1), np.stack([-c, a], -1)], -2)
-        return np.asarray(cofactors / (a * d - b * c)[..., None, None])
+        size = np.asarray(a * d - b * c)
+        return np.asarray(cofactors / size[..., None, None]), size
     of = np.ascontiguousarray(np.moveaxis(A, (-2, -1), (0, 1)))  # each component by itself
-    found = np.empty_like(of)
-    for i, j in np.ndindex(3, 3):
-        (k, l), (m, n) = ((i + 1) % 3, (i + 2) % 3), ((j + 1) % 3, (j + 2) % 3)
-        found[j, i] = of[k, m] * of[l, n] - of[k, n] * of[l, m]
-    found /= of[0, 0] * found[0, 0] + of[0, 1] * found[1, 0] + of[0, 2] * found[2, 0]
-    return np.ascontiguousarray(np.moveaxis(found, (0, 1), (-2, -1)))
+    next_ = of[_CYCLE][:, _CYCLE]
+    cofactors = next_[1:4, 1:4] * next_[2:, 2:] - next_[1:4, 2:] * next_[2:, 1:4]
+    size = np.einsum("j...,j...", of[0], cofactors[0])
+    return by_component(np.swapaxes(cofactors / size, 0, 1)), size
+
+
+_CYCLE = [0, 1, 2, 0, 1]
 
 
 def metric(F: Array) -> Array:
     """F^T F of many small matrices, shape (..., n, n); `matmul` takes four times as long."""
     of = np.ascontiguousarray(np.moveaxis(F, (-2, -1), (0, 1)))
-    return np.moveaxis(np.einsum("ki...,kj...->ij...", of, of), (0, 1), (-2, -1))
+    return by_component(np.einsum("ki...,kj...->ij...", of, of))
 
 
 def cross(u: Array, v: Array) -> Array:

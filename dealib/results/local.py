@@ -14,7 +14,7 @@ from dealib.config.schema import Config
 from dealib.device.kinematics import Kinematics, SheetKinematics
 from dealib.materials import thickness_stretch
 from dealib.materials.wrinkling import crests, extended
-from dealib.results.elements import Array, Cell, determinant, gradients, inverse
+from dealib.results.elements import Array, Cell, determinant, gradients, inverse, inverted
 from dealib.results.mesh import ResultMesh
 from dealib.results.stress import Deformation, RegionMaterial
 from dealib.units import EPSILON_0
@@ -91,6 +91,7 @@ class Points:
         """Reference points (points, dim) in cells of given nodes (cells, nodes, axes)."""
         mesh = nodes[..., list(kinematics.lies)]
         N, dN = cell.shape(points)[0], gradients(cell, mesh, points)[1]
+        dN = np.swapaxes(np.swapaxes(dN, 1, 2).copy(), 1, 2)  # as `at_points` takes it
         return cls(kinematics, material, N @ nodes, N, dN)
 
     def deformation(self, nodal: Array, internal: Array | None = None) -> Deformation:
@@ -109,8 +110,8 @@ class Points:
             F[..., k.normal] *= thickness_stretches(self.material, F, E, internal)[..., None]
         else:
             E = k.field(nodal[..., n], self.dN)
-        inner = inverse(F)
-        return Deformation(F, determinant(F), inner, np.einsum("...ji,...j", inner, E))
+        inner, J = inverted(F)
+        return Deformation(F, J, inner, np.einsum("...ji,...j", inner, E))
 
     def gradient(self, nodal: Array, across: Array | None = None) -> Array:
         """Deformation gradients, (cells, points, 3, 3).

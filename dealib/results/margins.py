@@ -18,7 +18,7 @@ from dealib.materials.laws import Law, invariants_of_stretches
 from dealib.materials.prestretch import bracket
 from dealib.materials.response import curvature, softens, stiffness
 from dealib.results import local, stress
-from dealib.results.elements import Array, cross, dot, metric
+from dealib.results.elements import Array, cross, dot
 from dealib.results.mesh import ResultMesh
 from dealib.results.thickness import Columns, edges
 
@@ -90,13 +90,13 @@ class Film:
             internal: Internal variables, packed, (..., entries, 4).
         """
         one = _unit(local.deformed(k.F, self.frame.a))
-        normal = np.einsum("...ji,...j", k.inverse, np.broadcast_to(self.frame.n, one.shape))
+        normal = np.einsum("...ji,...j", k.inverse, self.frame.n)
         two = cross(_unit(normal), one)
         return self.material.in_plane(k, one, two, pressure, internal)
 
     def thickness_stretch(self, k: stress.Deformation) -> Array:
         """Thickness over unstretched thickness: 1 / |F^-T n| since the unstretched state."""
-        n = np.einsum("...ji,...j", k.inverse, np.broadcast_to(self.frame.n, k.e.shape))
+        n = np.einsum("...ji,...j", k.inverse, self.frame.n)
         rest = np.linalg.norm(self.frame.n * self.material.stretch, axis=-1)
         return np.asarray(rest / np.sqrt(dot(n, n)))
 
@@ -128,17 +128,20 @@ class Film:
         gradient, hessian = curvature(self.law, *self.stretches(k.F))
         a, c = hessian[0] - gradient[0], hessian[1] - gradient[1]
         b = hessian[2]
+        det, sound = a * c - b * b, a + c > 0
+        if not k.e.any():
+            return np.where((det > 0) & sound, 0.0, np.inf)
         rising = self.material.slope * self.material.area_stretch(k)
         own, cross = (
             n * self.material.permittivity + f * rising for n, f in ((1, 1.875), (2, 3.125))
         )
-        det, m = a * c - b * b, own * (a + c) - 2 * cross * b
+        m = own * (a + c) - 2 * cross * b
         with np.errstate(all="ignore"):
             # the smaller root of (cross^2 - own^2) q^2 + m q - det = 0, q = e.e
             root = np.sqrt(m * m + 4 * (cross**2 - own**2) * det)
             used = dot(k.e, k.e) * (m + root) / (2 * det)
             used = np.where(used > 0, np.sqrt(used), 0.0)  # no positive root: never lost
-        return np.where((det > 0) & (a + c > 0), used, np.inf)
+        return np.where((det > 0) & sound, used, np.inf)
 
     def softening(self, F: Array) -> Array:
         """Lost share of the law's stiffness at rest (see `response.stiffness`)."""
@@ -160,8 +163,6 @@ def _mounted_tension(material: stress.RegionMaterial, fresh: tuple[Branch, ...])
         fresh: Branches that carry the pre-stretch. They change the thickness stretch a little,
             since the total stress across the film must vanish.
     """
-    from scipy.optimize import brentq
-
     law, internal = material.law, np.tile(identity(), (len(fresh), 1))
     assert law is not None
 
@@ -176,6 +177,8 @@ def _mounted_tension(material: stress.RegionMaterial, fresh: tuple[Branch, ...])
 
     across = 1.0
     if fresh:
+        from scipy.optimize import brentq
+
         ends = bracket(free, 1.0, 10.0)  # found always: the change of volume gives both signs
         assert ends is not None
         across = float(brentq(free, *ends, xtol=1e-14))
@@ -192,9 +195,8 @@ def smallest(tensions: Array) -> Array:
     return np.asarray(np.minimum(a, b) if not c.any() else (a + b) / 2 - np.hypot((a - b) / 2, c))
 
 
-def principal_stretch(F: Array) -> Array:
-    """Largest principal stretch, shape F.shape[:-2]."""
-    C = metric(F)
+def principal_stretch(C: Array) -> Array:
+    """Largest principal stretch, shape C.shape[:-2], at C = F^T F."""
     if not (C[..., 0, 2].any() or C[..., 1, 2].any()):
         half, mean = (C[..., 0, 0] - C[..., 1, 1]) / 2, (C[..., 0, 0] + C[..., 1, 1]) / 2
         plane = mean + np.hypot(half, C[..., 0, 1])
@@ -255,7 +257,7 @@ def fields(
         if config.limits.breakdown is not None:
             found["breakdown_use"] = np.linalg.norm(k.e, axis=-1) / config.limits.breakdown
         if config.limits.stretch_max is not None:
-            stretch = principal_stretch(k.F * material.stretch)
+            stretch = principal_stretch(k.C * np.outer(material.stretch, material.stretch))
             found["stretch_use"] = stretch / config.limits.stretch_max
         for name in found:
             out.setdefault(name, np.zeros(len(mesh.points)))

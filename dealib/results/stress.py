@@ -5,9 +5,9 @@ Tensors have the components of the device's kinematics.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -34,6 +34,11 @@ class Deformation:
     J: Array
     inverse: Array
     e: Array
+
+    @cached_property
+    def C(self) -> Array:
+        """F^T F."""
+        return metric(self.F)
 
 
 def second_pk(
@@ -73,12 +78,13 @@ def _isotropic(
 ) -> tuple[Array, Array, Array, Array]:
     """Factors a, b, c, d of S = a 1 + b C^-1 - c C + d e (x) e, e being the third direction."""
     q = J ** (-2 / 3)
-    trace, square = C[..., 0, 0] + C[..., 1, 1] + C[..., 2, 2], np.einsum("...ij,...ij", C, C)
-    second = (trace * trace - square) / 2
-    hoop = C[..., 2, 2]
+    trace, hoop = C[..., 0, 0] + C[..., 1, 1] + C[..., 2, 2], C[..., 2, 2]
     known = not (C[..., 0, 2].any() or C[..., 1, 2].any())  # e is a principal direction
+    reads, second = law.reads(known), np.zeros(())
+    if "I2" in reads:
+        second = (trace * trace - np.einsum("...ij,...ij", C, C)) / 2
     i = Invariants(q * trace, q * q * second, J, q * hoop if known else None)
-    d = _derivatives(law, i)
+    d = _derivatives(law, i, reads if pressure is None else reads - {"J"})
     if soften is not None:
         eta = soften(law.isochoric_energy(i, law.values))
         d = Invariants(eta * d.I1, eta * d.I2, d.J, eta * d.hoop)
@@ -90,7 +96,7 @@ def _isotropic(
 
 def in_plane(
     law: Law,
-    F: Array,
+    k: Deformation,
     x: Array,
     y: Array,
     prestretch: Array | None = None,
@@ -101,14 +107,19 @@ def in_plane(
     With a = F^T x and b = F^T y the component xy is a . S . b / J. Its term with C^-1 is x . y, so
     that no tensor needs to be computed. The other arguments are those of `second_pk`.
     """
-    total = F if prestretch is None else F * np.asarray(prestretch)
-    J = determinant(total)
-    unit, inner, bend, along = _isotropic(law, metric(total), J, pressure)
+    total, J, C = k.F, k.J, k.C
+    if prestretch is not None:
+        P = np.asarray(prestretch)
+        total, J, C = total * P, J * P.prod(), C * (P[:, None] * P)
+    unit, inner, bend, along = _isotropic(law, C, J, pressure)
     a, b = (np.einsum("...ij,...i->...j", total, v) for v in (x, y))
     pairs = ((a, a), (b, b), (a, b))
-    found = [unit * dot(p, q) + along * p[..., 2] * q[..., 2] for p, q in pairs]
+    found = [unit * dot(p, q) for p, q in pairs]
     found[0] += inner
     found[1] += inner
+    if along.any():
+        for value, (p, q) in zip(found, pairs, strict=True):
+            value += along * p[..., 2] * q[..., 2]
     if bend.any():
         a, b = (np.einsum("...ij,...j", total, v) for v in (a, b))
         for value, (p, q) in zip(found, ((a, a), (b, b), (a, b)), strict=True):
@@ -139,18 +150,17 @@ def networks_pk(
     return np.asarray(S * (P[:, None] * P / P.prod()))
 
 
-def _derivatives(law: Law, i: Invariants) -> Invariants:
-    """Derivatives of W with respect to the invariants by complex steps, exact to rounding."""
+def _derivatives(law: Law, i: Invariants, reads: Collection[str]) -> Invariants:
+    """Derivatives of W with respect to what it reads by complex steps, exact to rounding."""
     p, h = law.values, 1e-30
     found = {}
     for name, value in vars(i).items():
-        if value is None:
-            found[name] = np.zeros(i.J.shape)
+        if name not in reads:
+            found[name] = np.zeros(())
             continue
         moved: dict[str, Any] = dict(vars(i))  # the others stay real, which is faster
-        moved[name] = moved[name] + 1j * h
-        energy = law.energy(Invariants(**moved), p) + 0j
-        found[name] = np.broadcast_to(np.imag(energy) / h, i.J.shape)
+        moved[name] = value + 1j * h
+        found[name] = np.imag(law.energy(Invariants(**moved), p)) / h
     return Invariants(**found)
 
 
@@ -264,11 +274,13 @@ class RegionMaterial:
         """
         assert self.law is not None
         if internal is None:
-            found = in_plane(self.law, k.F, x, y, self.prestretch, pressure)
+            found = in_plane(self.law, k, x, y, self.prestretch, pressure)
         else:
             sigma = self.true_stress(k, pressure, internal)
             pairs = ((x, x), (y, y), (x, y))
             found = [np.einsum("...i,...ij,...j", p, sigma, q) for p, q in pairs]
+        if not k.e.any():
+            return np.stack(found, axis=-1)
         eps, square, a, b = self.permittivity_at(k), dot(k.e, k.e), dot(k.e, x), dot(k.e, y)
         both = -eps / 2 * square
         parts = [both + eps * a * a, both + eps * b * b, eps * a * b]

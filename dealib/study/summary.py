@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from pathlib import Path
 from typing import Any
-
-import pandas as pd
 
 from dealib.cases.cache import Cache
 from dealib.cases.job import Ended
@@ -27,26 +26,28 @@ class Summary:
 
     def __init__(self, plans: Sequence[Plan], cache: Cache, path: Path) -> None:
         self.plans, self.cache, self.path = plans, cache, path
-        self.rows: dict[tuple[str, str], dict[str, Any]] = {}
-        for plan in plans:
-            for case in plan.cases:
-                self._set(plan, case)
+
+    @cached_property
+    def rows(self) -> dict[tuple[str, str], dict[str, Any]]:
+        """The rows by study and case, read once the workers have started."""
+        return {(p.study.name, c.label): self._row(p, c) for p in self.plans for c in p.cases}
 
     def update(self, ended: Ended) -> None:
         """Enter a job that has ended, and write the file."""
         for plan in self.plans:
             for case in plan.cases:
                 if case.key == ended.job.key:
-                    self._set(plan, case, ended)["seconds"] = ended.seconds
+                    row = self._row(plan, case, ended) | {"seconds": ended.seconds}
+                    self.rows[plan.study.name, case.label] = row
         self.write()
 
-    def _set(self, plan: Plan, case: Planned, ended: Ended | None = None) -> dict[str, Any]:
+    def _row(self, plan: Plan, case: Planned, ended: Ended | None = None) -> dict[str, Any]:
         failed = {} if ended is None else {ended.job.key: ended}
         results = Results(plan, self.cache, [status(case, self.cache, failed)])
-        row: dict[str, Any] = dict(results.table.iloc[0])
-        self.rows[plan.study.name, case.label] = row
-        return row
+        return dict(results.table.iloc[0])
 
     def write(self) -> None:
         """Write the file."""
+        import pandas as pd
+
         write_text(self.path, pd.DataFrame(list(self.rows.values())).to_csv(index=False))
