@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -61,8 +61,14 @@ def write_bytes(path: Path, data: Any, durable: bool = False) -> None:
         data: Its bytes.
         durable: Wait until they are on the disk.
     """
+    write_parts(path, [data], durable)
+
+
+def write_parts(path: Path, parts: Iterable[Any], durable: bool = False) -> None:
+    """The same of bytes that are made one part after the other."""
     with whole(path) as temporary, temporary.open("wb") as file:
-        file.write(data)
+        for part in parts:
+            file.write(part)
         if durable:
             file.flush()
             os.fsync(file.fileno())

@@ -15,7 +15,9 @@ import numpy as np
 
 import dealib
 from dealib.fem import compat, layout
+from dealib.fem.viscous import Viscosity
 from dealib.program import Simulation, State, simulate
+from dealib.results import rows
 
 PARTS = ("film_top", "film_bottom", "inner", "outer", "film", "top_electrode")
 
@@ -50,13 +52,26 @@ class Split:
         x.array[:] = np.nan
         engine.layout.scatter(nodal)
         assert np.array_equal(x.array, before)
+        if engine.viscosity is not None:
+            self.see_memory(engine.viscosity, state.row["dissipated_energy_mJ"])
+
+    def see_memory(self, viscosity: Viscosity, dissipated: float) -> None:
+        """The same of what materials remember, which other ranks give without holding it all."""
+        parts = viscosity._parts.values()
+        before, gathered = [part.now for part in parts], viscosity.gather()
+        for part in parts:
+            part.now = part.now._replace(internal=np.full_like(part.now.internal, np.nan))
+        viscosity.restore(gathered, dissipated)
+        for part, now in zip(parts, before, strict=True):
+            assert np.array_equal(part.now.internal, now.internal)
+            assert np.array_equal(part.now.peak, now.peak)
 
     def stop(self, error: BaseException | None) -> None:
         pass
 
 
 if __name__ == "__main__":
-    layout._PIECE = 4096  # so that what small meshes have is sent in several pieces, too
+    layout._PIECE = rows.ROOM = 4096  # what small meshes have comes in several pieces, too
     for config in map(Path, sys.argv[2:]):
         directory = Path(sys.argv[1]) / config.stem
         simulate(dealib.load(config), directory, observers=[Split(directory)], comm=MPI.COMM_WORLD)

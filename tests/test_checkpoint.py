@@ -10,6 +10,7 @@ from conftest import CONFIGS
 import dealib
 from dealib.errors import ConfigError
 from dealib.results.checkpoint import CheckpointFolder, history_sum
+from dealib.results.rows import Stream, Transferred
 
 VISCOUS = CONFIGS.parent / "tests" / "viscous.yaml"
 
@@ -59,6 +60,19 @@ def flipped(path):
 
 def emptied(path):
     path.write_bytes(b"")
+
+
+def test_an_array_that_comes_in_parts_is_stored_as_a_whole_one(tmp_path):
+    array = np.random.default_rng(1).normal(size=(7, 3, 2))
+    parts = Stream(array.shape, iter([array[:4], array[4:4], array[4:]]))
+    stored = CheckpointFolder(tmp_path).keep("parts", 3, parts)
+    np.save(tmp_path / "whole.npy", array)
+    assert stored.path.read_bytes() == (tmp_path / "whole.npy").read_bytes()
+    assert stored.shape == array.shape
+    weights = np.array([[0.5, 0.25, 0.25], [0.0, 1.0, 0.0]])
+    other = Transferred(stored, weights)
+    assert other.shape == (7, 2, 2)
+    assert other[[5, 1]] == pytest.approx(weights @ array[[5, 1]], abs=1e-15)
 
 
 DAMAGED = "damaged checkpoint ({} is not what the run has written)"

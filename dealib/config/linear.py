@@ -66,11 +66,9 @@ def check_linear(config: Config) -> None:
 
 def not_iterative(config: Config) -> str:
     """Why a run needs a direct solver; empty if it does not."""
-    device, physics = config.device, config.physics
+    device = config.device
     if not is_solid(config):
         return "only for solids in three dimensions"
-    if physics.formulation != "displacement" or physics.coupling != "energy":
-        return "only with formulation: displacement and coupling: energy"
     if any(region.air for region in device.regions):
         return "only without air"
     if any(stage.follow is not None for stage in config.program):

@@ -151,14 +151,19 @@ class Part:
             for k, b, rule in self._rules()
         )
 
-    @property
-    def packed(self) -> Array:
-        """Internal variables in one array, (cells, points, entries, size); see `Viscosity`."""
-        found = np.moveaxis(self.now.internal, 0, 2)
+    def packed(self, cells: Any) -> Array:
+        """Internal variables of some cells in one array, (cells, points, entries, size).
+
+        See `Viscosity.gather`.
+
+        Args:
+            cells: Their places in `cells`.
+        """
+        found = np.moveaxis(self.now.internal[:, cells], 0, 2)
         if not self.material.softens:
             return found
         peak = np.zeros((*found.shape[:2], 1, self.now.C.shape[-1]))
-        peak[:, :, 0, 0] = self.now.peak
+        peak[:, :, 0, 0] = self.now.peak[cells]
         return np.concatenate([found, peak], axis=2)
 
     def _rules(self) -> Iterator[tuple[int, Branch, evolution.Evolution]]:

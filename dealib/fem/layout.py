@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -18,6 +18,7 @@ from dealib.fem.groups import Group
 from dealib.fem.potential import Problem
 from dealib.results.elements import Cell
 from dealib.results.mesh import ResultMesh
+from dealib.results.rows import Rows, rows_at_once
 
 Floats = npt.NDArray[np.float64]
 _PIECE = 2**24  # bytes that one rank sends at a time
@@ -118,10 +119,66 @@ class Layout:
         """Local cells of rows."""
         return self._cells[rows]
 
-    def mine(self, whole: Floats) -> Floats:
-        """Values of this rank's rows, ghosts included, from those of the whole mesh."""
+    @cached_property
+    def _at(self) -> Any:
+        """Place of each of this rank's rows, ghosts included, in the whole mesh (collective)."""
         every = np.sort(np.concatenate(self._comm.allgather(self._original[self._owned])))
-        return np.asarray(whole[np.searchsorted(every, self._original)])
+        return np.searchsorted(every, self._original)
+
+    def stream(self, shape: tuple[int, ...], of: Callable[[Any], Floats]) -> Iterator[Floats]:
+        """Values of all rows in the order of the whole mesh, some at a time, on rank 0.
+
+        No rank holds them all. Every rank must go through to the end (collective).
+
+        Args:
+            shape: Of the values of a row.
+            of: Gives the values of some of this rank's rows.
+        """
+        comm, own, places = self._comm, np.flatnonzero(self._owned), self._places[1:]
+        own = own[np.argsort(self._at[own])]
+        at, every = self._at[own], [np.sort(part) for part in places]
+        total, step = int(comm.allreduce(len(own))), rows_at_once((0, *shape))
+        for first in range(0, total, step):
+            window = first, min(first + step, total)
+            low, high = np.searchsorted(at, window)
+            mine = of(own[low:high])
+            if comm.rank > 0:
+                if len(mine):
+                    comm.Send(np.ascontiguousarray(mine), 0)
+                continue
+            found = np.empty((window[1] - first, *shape))
+            found[at[low:high] - first] = mine
+            for rank, there in enumerate(every, start=1):
+                low, high = np.searchsorted(there, window)
+                if low < high:
+                    piece = np.empty((high - low, *shape))
+                    comm.Recv(piece, rank)
+                    found[there[low:high] - first] = piece
+            yield found
+
+    def mine(self, whole: Rows | None, rows: Any) -> Floats:
+        """Values of this rank's rows, ghosts included; those that are not given are 0 (collective).
+
+        Args:
+            whole: On rank 0, values of some rows of the whole mesh.
+            rows: Which these are, in order; likewise.
+        """
+        comm = self._comm
+        shape = comm.bcast(None if whole is None else tuple(whole.shape), root=0)
+        rows = comm.bcast(rows, root=0)
+        at = np.searchsorted(rows, self._at)
+        at[~np.isin(self._at, rows)] = -1
+        found, step = np.zeros((len(at), *shape[1:])), rows_at_once(shape)
+        for first in range(0, shape[0], step):
+            last = min(first + step, shape[0])
+            if whole is None:
+                window = np.empty((last - first, *shape[1:]))
+            else:
+                window = np.ascontiguousarray(whole[first:last])
+            comm.Bcast(window, root=0)
+            here = np.flatnonzero((at >= first) & (at < last))
+            found[here] = window[at[here] - first]
+        return found
 
     def owned(self, rows: Any) -> Any:
         """The rows among the given ones that this rank owns."""

@@ -18,6 +18,7 @@ from dealib.materials import evolution
 from dealib.materials.branches import Branch
 from dealib.results import local
 from dealib.results.elements import Array, Cell
+from dealib.results.rows import Rows, Stream, Transferred
 
 _INSTANT, _LONG = 1e-12, 1e12  # step over relaxation time: nothing relaxes, everything does
 
@@ -211,16 +212,41 @@ class Viscosity:
         the first component. Cells are those of `local.cells_with_memory`, points are quadrature
         points. Cells with fewer entries than others are filled with unit tensors (collective).
         """
+        found = self.stream()
+        return None if found is None else found.whole()
+
+    def stream(self) -> Stream | None:
+        """The same, some cells at a time (collective: other ranks return after rank 0 has read)."""
         count = max(len(p.networks) + p.material.softens for p in self._parts.values())
-        shape = (len(self._layout.nodes), len(self._points), count, self._size)
-        values = np.tile(evolution.identity(self._size), (*shape[:-1], 1))
-        for part in self._parts.values():
-            packed = part.packed
-            values[part.cells, :, : packed.shape[2]] = packed
-        whole = self._layout.gather_cells(values)
-        if whole is None or self._layout.mesh is None:
+        shape, layout = (len(self._points), count, self._size), self._layout
+        place = np.full((2, len(layout.nodes)), -1)  # part of each row, and its place there
+        parts = list(self._parts.values())
+        for k, part in enumerate(parts):
+            place[0, part.cells], place[1, part.cells] = k, np.arange(len(part.cells))
+
+        def of(rows: Any) -> Array:
+            values = np.tile(evolution.identity(self._size), (len(rows), *shape[:-1], 1))
+            for k, part in enumerate(parts):
+                here = np.flatnonzero(place[0, rows] == k)
+                packed = part.packed(place[1, rows[here]])
+                values[here, :, : packed.shape[2]] = packed
+            return values
+
+        every = layout.stream(shape, of)
+        if layout.mesh is None:
+            for _ in every:
+                pass
             return None
-        return np.asarray(whole[local.cells_with_memory(self._problem.config, self._layout.mesh)])
+        cells = local.cells_with_memory(self._problem.config, layout.mesh)
+
+        def remembered() -> Iterator[Array]:
+            first = 0
+            for values in every:
+                low, high = np.searchsorted(cells, (first, first + len(values)))
+                yield values[cells[low:high] - first]
+                first += len(values)
+
+        return Stream((len(cells), *shape), remembered())
 
     def of_cells(self, group: str, cells: Any, points: Array | None = None) -> Array | None:
         """Internal variables at points of local cells, (cells, points, entries, size).
@@ -235,23 +261,24 @@ class Viscosity:
         part = self._parts[group]
         order = np.argsort(part.cells)
         index = order[np.searchsorted(part.cells, cells, sorter=order)]
-        return self.at_points(part.packed[index], points)
+        return Transferred(part.packed(index), self.weights(points))[:]
 
-    def at_points(self, gathered: Array, points: Array | None = None) -> Array:
-        """Extrapolate `gather`ed values from quadrature to other points, default Gauss points."""
+    def weights(self, points: Array | None = None) -> Array:
+        """Matrix that extrapolates from quadrature to other points, (others, points).
+
+        Args:
+            points: Reference points; default the cells' Gauss points.
+        """
         cell: Cell = self._layout.cell
         here = cell.shape(self._points)[0]
         there = cell.shape(cell.gauss if points is None else points)[0]
-        return np.einsum("gq,cq...->cg...", there @ np.linalg.pinv(here), gathered)
+        return np.asarray(there @ np.linalg.pinv(here))
 
-    def restore(self, gathered: Array | None, dissipated: float) -> None:
+    def restore(self, gathered: Rows | None, dissipated: float) -> None:
         """Inverse of `gather`, with the metric of the current state (collective)."""
-        mesh, whole = self._layout.mesh, None
-        if mesh is not None and gathered is not None:
-            whole = np.empty((len(mesh.cells), *gathered.shape[1:]))
-            whole[local.cells_with_memory(self._problem.config, mesh)] = gathered
-        whole = self._mesh.comm.bcast(whole, root=0)
-        mine = self._layout.mine(whole)
+        mesh = self._layout.mesh
+        cells = None if mesh is None else local.cells_with_memory(self._problem.config, mesh)
+        mine = self._layout.mine(gathered, cells)
         for part in self._parts.values():
             n, kept = len(part.networks), mine[part.cells]
             peak = kept[:, :, n, 0] if part.material.softens else part.now.peak

@@ -54,19 +54,21 @@ class Recorder:
         begin = time.perf_counter()
         ends = state.end_of_stage or state.lost
         stored = self._wanted == "every" or (self._wanted == "stage" and ends)
-        nodal, internal, in_time, values = None, None, dict[str, Any](), dict[str, Any]()
+        nodal, in_time, values = None, dict[str, Any](), dict[str, Any]()
         if stored or self._resumable:
-            nodal, internal, in_time = state.nodal(), state.internal(), state.in_time()
+            nodal, in_time = state.nodal(), state.in_time()
         if self._resumable:
             values = state.engine.plain()
+        viscosity, internal, to_gauss = state.engine.viscosity, None, None
+        if viscosity is not None and (stored or self._resumable):
+            # from several ranks it comes while it is written: nothing collective may stand between
+            several = state.engine.comm.size > 1
+            internal = viscosity.stream() if several else state.internal()
+            to_gauss = viscosity.weights() if stored else None
         if self._writer is not None:
-            viscosity = state.engine.viscosity
-            at_gauss = None
-            if stored and viscosity is not None and internal is not None:
-                at_gauss = viscosity.at_points(internal)
             keep = state.engine.predictor.memory
             beside = {"internal": internal, **in_time}
-            kept = (nodal, stored, values, keep, beside, at_gauss, state.modes)
+            kept = (nodal, stored, values, keep, beside, to_gauss, state.modes)
             self._writer.add(Record(state.row, *kept))
         self._timings["output"] += time.perf_counter() - begin
 

@@ -183,7 +183,9 @@ def simulate(
             log.info("%s", ", ".join(f"{k} {v}" for k, v in info["versions"].items()))
             mesh_file = path / "mesh.msh" if saved is None else None
             simulation = Simulation(case, comm, mesh_file, saved, reuse=reuse)
-            writer = StepWriter if beside is None else partial(beside.open, lock=lock)
+            # several ranks give what is large while it is written, which no other process can do
+            several = comm.size > 1
+            writer = StepWriter if beside is None or several else partial(beside.open, lock=lock)
             recorder = Recorder(path, case, writer, resumable)
             session.run(simulation, recorder, observers, signals, look)
     return Run(path)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 
 from dealib.errors import ConfigError, anew
-from dealib.files import guarded, write_bytes
+from dealib.files import guarded, write_bytes, write_parts
 from dealib.results.elements import Array
+from dealib.results.rows import Stored, Stream
 
-FOLDER, VALUES, STATE = "checkpoint", "program.json", "state"
+FOLDER, VALUES, STATE, INTERNAL = "checkpoint", "program.json", "state", "internal"
 
 
 @dataclass(frozen=True)
@@ -27,14 +28,15 @@ class Checkpoint:
         values: Plain values of the program.
         mesh: Fingerprint of the mesh that the states belong to.
         states: Nodal values of the last converged steps, (nodes, columns), newest last; on rank 0.
-        beside: Further arrays of the last step, by name (see `Record.beside`); on rank 0.
+        beside: Further arrays of the last step, by name (see `Record.beside`); on rank 0. Internal
+            variables stay in their file.
         history: Checksum of the history's rows up to the last step (see `chained`).
     """
 
     values: dict[str, Any]
     mesh: str
     states: list[Array] = field(default_factory=list)
-    beside: dict[str, Array] = field(default_factory=dict)
+    beside: dict[str, Any] = field(default_factory=dict)
     history: str = ""
 
     @property
@@ -62,33 +64,49 @@ class CheckpointFolder:
         mesh: str,
         state: Array,
         keep: int,
-        beside: Mapping[str, Array | None],
+        beside: Mapping[str, Array | Stored | None],
     ) -> None:
         """Save a step, safe on the disk when this returns, and keep some states before it.
+
+        What is `Stored` already, `keep` has written.
 
         Raises:
             PlatformError: If the disk refuses; the previous checkpoint is then intact.
         """
-        step = Checkpoint(values, mesh).step
-        if self._sums is None:  # a run that is resumed knows them from its checkpoint
-            found = self._found() or {"sums": {}, "history": ""}
-            self._sums, self._history = found["sums"], found["history"]
-        with guarded(self.folder):
-            self.folder.mkdir(exist_ok=True)
+        step, sums = Checkpoint(values, mesh).step, self._known()
         for name, array in {STATE: state, **beside}.items():
-            if array is not None:
-                path = self._array(name, step)
-                self._sums[path.name] = _save(path, array)
+            if array is not None and not isinstance(array, Stored):
+                self.keep(name, step, array)
         old = [self._array(STATE, step - keep), *(self._array(n, step - 1) for n in beside)]
         for path in old:
-            self._sums.pop(path.name, None)
+            sums.pop(path.name, None)
         self._history = chained(self._history, values["progress"]["row"])
         held = {"mesh": mesh, "values": values, "history": self._history}
-        sums = {**self._sums, VALUES: _sum_of_values(values)}
-        text = json.dumps({**held, "sums": sums})
+        text = json.dumps({**held, "sums": {**sums, VALUES: _sum_of_values(values)}})
         write_bytes(self.folder / VALUES, text.encode(), durable=True)
         for path in old:
             path.unlink(missing_ok=True)
+
+    def keep(self, name: str, step: int, array: Array | Stream) -> Stored:
+        """Write an array of a step, safe on the disk when this returns.
+
+        It belongs to a checkpoint only after `write`.
+
+        Raises:
+            PlatformError: If the disk refuses.
+        """
+        sums, path = self._known(), self._array(name, step)
+        with guarded(self.folder):
+            self.folder.mkdir(exist_ok=True)
+        sums[path.name] = _save(path, array)
+        return Stored(path)
+
+    def _known(self) -> dict[str, str]:
+        """Checksums of the files; a run that is resumed knows them from its checkpoint."""
+        if self._sums is None:
+            found = self._found() or {"sums": {}, "history": ""}
+            self._sums, self._history = found["sums"], found["history"]
+        return self._sums
 
     def read(self) -> Checkpoint | None:
         """The last checkpoint, or None if there is none yet.
@@ -108,10 +126,11 @@ class CheckpointFolder:
             end = self._array("", step).name
             for name in sums:
                 if name.endswith(end) and (of := name.removesuffix(end)) != STATE:
-                    saved.beside[of] = _load(self._array(of, step), sums)
+                    array = _checked(self._array(of, step), sums)
+                    saved.beside[of] = array if of == INTERNAL else array[:]
             known = len(saved.values["predictor"]["known"])
             while len(saved.states) < max(known, 1) and self._array(STATE, step).name in sums:
-                saved.states.insert(0, _load(self._array(STATE, step), sums))
+                saved.states.insert(0, _checked(self._array(STATE, step), sums)[:])
                 step -= 1
             if not saved.states:
                 raise ValueError(f"{self._array(STATE, step).name} is missing")
@@ -159,18 +178,29 @@ def _sum_of_values(values: dict[str, Any]) -> str:
     return _sum(json.dumps(values).encode())
 
 
-def _save(path: Path, array: Array) -> str:
-    """Write an array; returns its checksum."""
-    buffer = io.BytesIO()
-    np.save(buffer, array)
-    content = buffer.getvalue()
-    write_bytes(path, content, durable=True)
-    return _sum(content)
+def _save(path: Path, array: Array | Stream) -> str:
+    """Write an array, as `numpy.save` does; returns its checksum."""
+    digest, header = hashlib.sha256(), io.BytesIO()
+    given = {"descr": "<f8", "fortran_order": False, "shape": array.shape}
+    np.lib.format.write_array_header_1_0(header, given)
+
+    def parts() -> Iterator[Any]:
+        yield header.getvalue()
+        for rows in array.parts if isinstance(array, Stream) else (array,):
+            yield np.ascontiguousarray(rows, dtype="<f8").reshape(-1).view(np.uint8)
+
+    def summed() -> Iterator[Any]:
+        for part in parts():
+            digest.update(part)
+            yield part
+
+    write_parts(path, summed(), durable=True)
+    return digest.hexdigest()
 
 
-def _load(path: Path, sums: Mapping[str, str]) -> Array:
-    """Read an array that has its checksum."""
-    content = path.read_bytes()
-    if _sum(content) != sums[path.name]:
-        raise ValueError(f"{path.name} is not what the run has written")
-    return np.asarray(np.load(io.BytesIO(content)))
+def _checked(path: Path, sums: Mapping[str, str]) -> Stored:
+    """An array in a file that has its checksum."""
+    with path.open("rb") as file:
+        if hashlib.file_digest(file, "sha256").hexdigest() != sums[path.name]:
+            raise ValueError(f"{path.name} is not what the run has written")
+    return Stored(path)

@@ -12,8 +12,9 @@ from dealib.config.schema import Config
 from dealib.results import local, stress
 from dealib.results.elements import Array
 from dealib.results.mesh import Average, Ints, ResultMesh
+from dealib.results.rows import Rows
 
-_ROOM = 128e6  # bytes of a block of cells
+_ROOM = 16e6  # bytes of a block of cells
 
 
 def fields(
@@ -54,7 +55,7 @@ class Fields:
             found = [_Block(mesh, c, np.searchsorted(viscous, c), points, kept) for c in blocks]
             self._parts.append(_Part(material, found, Average(mesh, blocks)))
 
-    def __call__(self, state: Array, internal: Array | None = None) -> dict[str, Array]:
+    def __call__(self, state: Array, internal: Rows | None = None) -> dict[str, Array]:
         """All fields of a state.
 
         Args:
@@ -98,7 +99,7 @@ class Fields:
         return out
 
     def _of(
-        self, material: stress.RegionMaterial, block: _Block, state: Array, internal: Array | None
+        self, material: stress.RegionMaterial, block: _Block, state: Array, internal: Rows | None
     ) -> dict[str, Array]:
         """Values at the nodes of each cell of a block."""
         nodal, points = state[block.mesh.cells[block.cells]], block.points()

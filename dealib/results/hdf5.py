@@ -1,4 +1,4 @@
-"""HDF5 files that are built in memory and written whole or not at all."""
+"""HDF5 files that are written whole or not at all: small ones are built in memory."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from typing import Any
 
 import h5py
 
-from dealib.files import write_bytes
+from dealib.files import whole, write_bytes
 
+_ROOM = 8e6  # bytes of a file that is built in memory, where it is held twice
 _count = itertools.count()
 
 
@@ -30,8 +31,21 @@ def write_hdf5(path: Path, file: Any) -> None:
 
 
 @contextmanager
-def new_hdf5(path: Path) -> Iterator[Any]:
-    """An HDF5 file that is built in memory and then written whole or not at all."""
-    with memory_hdf5() as file:
-        yield file
-        write_hdf5(path, file)
+def new_hdf5(path: Path, size: float = 0) -> Iterator[Any]:
+    """A new HDF5 file, written whole or not at all.
+
+    Args:
+        path: The file.
+        size: Bytes of its arrays, about: a large file is built on the disk.
+    """
+    if size <= _ROOM:
+        with memory_hdf5() as file:
+            yield file
+            write_hdf5(path, file)
+        return
+    with whole(path) as temporary:
+        try:
+            with h5py.File(temporary, "w") as file:
+                yield file
+        except (RuntimeError, ValueError) as error:  # HDF5 on a full disk
+            raise OSError(str(error)) from None

@@ -112,22 +112,25 @@ class Average:
     def __init__(self, mesh: ResultMesh, blocks: Sequence[Ints]) -> None:
         from scipy.sparse import csr_matrix
 
-        nodes = [mesh.cells[cells].ravel() for cells in blocks]
-        count = sum(np.bincount(block, minlength=len(mesh.points)) for block in nodes)
+        count = np.zeros(len(mesh.points))
+        self._totals = []  # nodes of each block, and the sums of its values there
+        for cells in blocks:
+            nodes, place = np.unique(mesh.cells[cells].ravel(), return_inverse=True)
+            shape = len(nodes), len(place)
+            total = csr_matrix((np.ones(len(place)), (place, np.arange(len(place)))), shape)
+            count[nodes] += np.bincount(place, minlength=len(nodes))
+            self._totals.append((nodes, total))
         self._used = np.flatnonzero(count)
-        self._count = np.asarray(count)[self._used, None]
-        self._totals = []
-        for block in nodes:
-            total = (np.ones(len(block)), (block, np.arange(len(block))))
-            self._totals.append(csr_matrix(total, (len(mesh.points), len(block)))[self._used])
+        self._count = count[self._used, None]
 
     def into(self, out: dict[str, Array], blocks: Iterable[dict[str, Array]]) -> None:
         """Average values by name, (cells, nodes of a cell, ...), into nodal ones, (nodes, ...)."""
-        sums: dict[str, Array] = {}
-        for total, by_cell in zip(self._totals, blocks, strict=True):
+        flat: dict[str, Array] = {}  # the same, a row for each node
+        for (nodes, total), by_cell in zip(self._totals, blocks, strict=True):
             for name, values in by_cell.items():
-                part = total @ values.reshape(total.shape[1], -1)
-                sums[name] = sums[name] + part if name in sums else part
-        for name, values in sums.items():
-            mean = values / self._count
-            out[name][self._used] = mean.reshape(-1, *out[name].shape[1:])
+                if name not in flat:
+                    flat[name] = out[name].reshape(len(out[name]), -1)
+                    flat[name][self._used] = 0.0
+                flat[name][nodes] += total @ values.reshape(total.shape[1], -1)
+        for sums in flat.values():
+            sums[self._used] /= self._count

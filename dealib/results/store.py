@@ -6,6 +6,7 @@ import csv
 import errno
 import io
 import json
+import math
 import os
 import shutil
 from collections.abc import Iterable, Mapping
@@ -13,14 +14,16 @@ from pathlib import Path
 from typing import Any
 
 import h5py
+import numpy as np
 import numpy.typing as npt
 
-from dealib.files import guarded, whole, write_text
+from dealib.files import guarded, write_text
 from dealib.results.elements import Array, Cell
 from dealib.results.hdf5 import memory_hdf5, new_hdf5, write_hdf5
 from dealib.results.history import HISTORY
 from dealib.results.info import INFO
 from dealib.results.mesh import ResultMesh
+from dealib.results.rows import Rows, in_parts
 
 STATES = "results.h5"
 STATE_DATA = "states"  # folder of the states' files beside it, while the run goes on
@@ -74,9 +77,14 @@ def _text(value: Any) -> Any:
     return repr(float(value)) if isinstance(value, float) else value
 
 
-def _keep(file: Any, name: str, values: npt.NDArray[Any]) -> None:
+def _keep(file: Any, name: str, values: npt.NDArray[Any] | Rows) -> None:
     """Store an array with checksums, so that reading notices damage."""
-    file.create_dataset(name, data=values, fletcher32=True)
+    if isinstance(values, np.ndarray):
+        file.create_dataset(name, data=values, fletcher32=True)
+        return
+    found = file.create_dataset(name, values.shape, "f8", fletcher32=True)
+    for rows, part in in_parts(values):
+        found[rows] = part
 
 
 # arrays that a state may have: internal variables (see `fields.Fields`), (cells, points, entries,
@@ -133,7 +141,7 @@ class StateFile:
         self.flush()
 
     def add(
-        self, row: Mapping[str, Any], state: Array | None, more: Mapping[str, Array | None]
+        self, row: Mapping[str, Any], state: Array | None, more: Mapping[str, Rows | None]
     ) -> None:
         """Append a row of the history, and its state if it is to be stored.
 
@@ -145,11 +153,12 @@ class StateFile:
         self._rows.append(row)
         if state is not None:
             name = f"{row['step']:05d}"
-            with new_hdf5(self.folder / f"{name}.h5") as file:
+            there = {key: values for key, values in more.items() if values is not None}
+            size = 8.0 * sum(np.prod(values.shape) for values in (state, *there.values()))
+            with new_hdf5(self.folder / f"{name}.h5", size) as file:
                 _keep(file, "state", state)
                 file["state"].attrs["time_s"] = row["time_s"]
                 file["state"].attrs["components"] = self._components[: state.shape[1]]
-                there = {key: values for key, values in more.items() if values is not None}
                 for key, values in there.items():
                     _keep(file, key, values)
             self._link_state(name, there)
@@ -164,12 +173,8 @@ class StateFile:
     def close(self) -> None:
         """Gather the states into `results.h5`."""
         self.flush()
-        with whole(self.path) as temporary:
-            try:
-                with h5py.File(temporary, "w") as file:
-                    self._gather(file)
-            except (RuntimeError, ValueError) as error:  # HDF5 on a full disk
-                raise OSError(str(error)) from None
+        with new_hdf5(self.path, math.inf) as file:
+            self._gather(file)
         with guarded(self.folder):
             shutil.rmtree(self.folder)
 

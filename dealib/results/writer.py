@@ -10,10 +10,11 @@ from typing import Any, Protocol
 
 from dealib.config.schema import Config
 from dealib.results import paraview, store, xdmf
-from dealib.results.checkpoint import CheckpointFolder
+from dealib.results.checkpoint import INTERNAL, CheckpointFolder
 from dealib.results.elements import Array
 from dealib.results.fields import Fields, named
 from dealib.results.mesh import ResultMesh
+from dealib.results.rows import Stream, Transferred
 
 
 @dataclass(frozen=True)
@@ -47,9 +48,11 @@ class Record:
         stored: Whether state and fields are stored as results, besides the checkpoint.
         values: Plain values for the checkpoint.
         keep: How many states a checkpoint keeps.
-        beside: Further arrays of the checkpoint, if there are any: 'internal' (internal variables),
-            'rates' (velocities and accelerations), 'charges' (of resistive electrodes).
-        at_gauss: Internal variables in the form that `fields.Fields` takes.
+        beside: Further arrays of the checkpoint, if there are any: 'internal' (internal variables,
+            which may be a `Stream`), 'rates' (velocities and accelerations), 'charges' (of
+            resistive electrodes).
+        to_gauss: Matrix from the internal variables' points to Gauss points, (Gauss points,
+            points); None if the state is not stored, or has no such variables.
         modes: Displacements of modes where stability is lost, (modes, nodes, axes).
     """
 
@@ -58,8 +61,8 @@ class Record:
     stored: bool
     values: dict[str, Any]
     keep: int
-    beside: Mapping[str, Array | None] = field(default_factory=dict)
-    at_gauss: Array | None = None
+    beside: Mapping[str, Any] = field(default_factory=dict)
+    to_gauss: Array | None = None
     modes: Array | None = None
 
 
@@ -101,8 +104,16 @@ class StepWriter:
     def add(self, record: Record) -> None:
         """See `Writer`. The checkpoint comes last, so that all files have what it refers to."""
         begin = time.perf_counter()
-        row, state, at_gauss = record.row, record.state, record.at_gauss
-        rates = record.beside.get("rates")
+        row, state, beside = record.row, record.state, dict(record.beside)
+        rates, internal, at_gauss = beside.get("rates"), beside.get(INTERNAL), None
+        if isinstance(internal, Stream):  # it comes once: what follows reads it from the disk
+            if self._checkpoint is None:
+                internal = internal.whole()
+            else:
+                internal = self._checkpoint.keep(INTERNAL, row["step"], internal)
+            beside[INTERNAL] = internal
+        if internal is not None and record.to_gauss is not None:
+            at_gauss = Transferred(internal, record.to_gauss)
         velocity = None if rates is None else rates[0]
         if self._fields is not None and record.stored and state is not None:
             derived = self._derive(state, at_gauss) | named(record.modes, velocity)
@@ -112,7 +123,7 @@ class StepWriter:
         self._states.add(row, state if record.stored else None, more)
         if self._checkpoint is not None and state is not None:
             self._states.flush()
-            self._checkpoint.write(record.values, self._mesh, state, record.keep, record.beside)
+            self._checkpoint.write(record.values, self._mesh, state, record.keep, beside)
         self.seconds += time.perf_counter() - begin
 
     def wait(self) -> None:

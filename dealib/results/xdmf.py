@@ -68,7 +68,8 @@ class FieldFile:
         return [g[0] for g in grids if int(g[1]) <= keep]
 
     def _write(self, name: str, arrays: Mapping[str, npt.NDArray[Any]]) -> None:
-        with new_hdf5(self.data / name) as file:
+        size = 4.0 * sum(values.size for values in arrays.values())
+        with new_hdf5(self.data / name, size) as file:
             for key, values in arrays.items():
                 kind = "f4" if values.dtype.kind == "f" and name != "mesh.h5" else None
                 file.create_dataset(key, data=values, dtype=kind)
