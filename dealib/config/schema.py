@@ -13,7 +13,7 @@ from dealib.config.follow import check_branches
 from dealib.config.materials import Material, Materials, check_materials
 from dealib.config.names import Name
 from dealib.config.probes import Probe, check_probes
-from dealib.config.program import Stage, check_inputs
+from dealib.config.program import Stage, check_inputs, check_steps
 from dealib.config.sensing import Sensing, check_sensing
 from dealib.config.settings import Damping, Limits, Mesh, Output, Physics, Solver
 from dealib.config.stop import Condition, check_conditions
@@ -165,6 +165,7 @@ class Config(Section):
         if self.regions is not None and not isinstance(self.geometry, MeshShape):
             raise ValueAt(("regions",), "only for geometry.shape: mesh; layers name their material")
         check_inputs(self.program, self.device)
+        check_steps(self)
         if self.moves:
             self.check_density()
         check_probes(self)
