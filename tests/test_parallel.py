@@ -41,6 +41,14 @@ CASES = {
             " {stage: actuate, terminal: {voltage: [0 V, 2.5 kV, 0 V]}, steps: 4}]",
         },
     ),
+    "auto": (
+        "benchmark_strip",
+        {
+            "mesh.columns": 20,
+            "program": "[{stage: push, mount: {displacement: -3 mm}, steps: auto, rows: 30},"
+            " {stage: actuate, terminal: {voltage: 2.5 kV}, steps: auto, rows: 10}]",
+        },
+    ),
     # few columns and many rows: the ends, and so the mount, are split over the ranks
     "charge": (
         "benchmark_strip",
@@ -193,7 +201,7 @@ def test_same_mesh_states_and_fields(name, serial, parallel):
     for index in range(len(one.stored_steps)):
         size = np.abs(one.state(index)).max(axis=0) + 1e-9
         assert (np.abs(one.state(index) - other.state(index)) <= 1e-8 * size).all()
-    loaded = int(one.history["voltage_kV"].abs().idxmax())
+    loaded = one.stored_steps.index(int(one.history["voltage_kV"].abs().idxmax()))
     fields = other.arrays(loaded)
     for key, values in one.arrays(loaded).items():
         # a derivative on cells of 7.5 um: 1e-8 of the displacement is 1e-6 of the strain

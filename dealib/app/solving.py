@@ -210,11 +210,13 @@ class Session:
 
     def _solve(self, config: Config, quick: Any, ticket: int = 0) -> Any:
         """Solve a config; None if another one is asked for meanwhile."""
+        solved = [s.all_solved for s in config.program]  # each row has its state to be drawn
         if quick:
             columns = min(config.mesh.columns, _COLUMNS)
             mesh = config.mesh.model_copy(update={"columns": columns})
-            cut = [s.model_copy(update={"steps": min(s.steps, _STEPS)}) for s in config.program]
-            config = config.model_copy(update={"mesh": mesh, "program": tuple(cut)})
+            solved = [s.model_copy(update={"steps": min(s.count, _STEPS)}) for s in solved]
+            config = config.model_copy(update={"mesh": mesh})
+        config = config.model_copy(update={"program": tuple(solved)})
         kind = bool(quick), config.physics.model  # each has a mesh of its own
         reuse = self._reuse.setdefault(kind, Reuse())
         case = replace(self._case, config=config)

@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
-from pydantic import Field, TypeAdapter, model_validator
+from pydantic import (
+    Field,
+    PlainSerializer,
+    TypeAdapter,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
 
 from dealib.config.bias import BiasElement, Element, Masses, Spring
 from dealib.config.chamber import Filled, Gas, Liquid
@@ -22,7 +29,19 @@ from dealib.units import Angle, Charge, Force, Length, Moment, Stress, Time, Vol
 Path_: TypeAlias = tuple[str | int, ...]
 Course: TypeAlias = tuple[float, ...] | Wave
 
+_ROWS = 40  # of a cycle with `steps: auto`
+
+
+def _steps(given: object, number: ValidatorFunctionWrapHandler) -> int | str:
+    if isinstance(given, str) and not given.strip().isdigit():
+        if given != "auto":
+            raise ValueError(f"expected a number of steps, or auto, not {given!r}")
+        return given
+    return int(number(given))
+
+
 if TYPE_CHECKING:
+    Steps: TypeAlias = int | Literal["auto"]
     Displacements: TypeAlias = Course
     Forces: TypeAlias = Course
     Voltages: TypeAlias = Course
@@ -32,6 +51,12 @@ if TYPE_CHECKING:
     Angles: TypeAlias = Course
     Moments: TypeAlias = Course
 else:
+    Steps = Annotated[
+        int,
+        Field(ge=1),
+        WrapValidator(_steps, json_schema_input_type=Annotated[int, Field(ge=1)] | Literal["auto"]),
+        PlainSerializer(lambda given: given, return_type=int | str),
+    ]
     Displacements, Forces = course(Length, "displacement"), course(Force, "force")
     Voltages, Charges = course(Voltage, "voltage"), course(Charge, "charge")
     Pressures, Volumes = course(Stress, "pressure"), course(Volume, "volume")
@@ -117,8 +142,16 @@ class Stage(Section):
         min_length=1, description="name; `prestrain` ramps the materials' pre-stretch from 1"
     )
     duration: Time = Field(1.0, gt=0, description="duration of one cycle")
-    steps: int = Field(
-        1, ge=1, description="equal increments per cycle; halved if Newton's method fails"
+    steps: Steps = Field(
+        1,
+        description="equal increments per cycle, halved where Newton's method fails; or `auto`: "
+        "states are solved where the curves need them, and the rows between are interpolated to "
+        "1e-5 of the range of each column (column `solved`); for equilibria only",
+    )
+    rows: int | None = Field(
+        None,
+        ge=1,
+        description=f"with `steps: auto`: rows of the history per cycle; default {_ROWS}",
     )
     cycles: int = Field(1, ge=1, description="number of cycles")
     mount: MountInput | None = Field(
@@ -155,6 +188,21 @@ class Stage(Section):
     )
 
     @property
+    def auto(self) -> bool:
+        """Whether states are solved only where the curves need them."""
+        return self.steps == "auto"
+
+    @property
+    def count(self) -> int:
+        """Rows of the history per cycle: its steps, unless these are chosen."""
+        return (self.rows or _ROWS) if self.steps == "auto" else self.steps
+
+    @property
+    def all_solved(self) -> Stage:
+        """The same stage with a solved state in each row."""
+        return self.model_copy(update={"steps": self.count, "rows": None})
+
+    @property
     def inputs(self) -> list[tuple[Path_, PortKind, str | None, Input]]:
         """Path, kind, name and input of each driven port; the only port of a kind has name None."""
         found: list[tuple[Path_, PortKind, str | None, Input]] = []
@@ -170,6 +218,23 @@ class Stage(Section):
     def driven(self, device: Device) -> dict[str, Input]:
         """Inputs of the driven ports, by the name of the port."""
         return {name or _connected(device, kind)[0]: given for _, kind, name, given in self.inputs}
+
+    @model_validator(mode="after")
+    def _chosen(self) -> Stage:
+        if self.rows is not None and not self.auto:
+            raise ValueAt(("rows",), "only with steps: auto; else each step is a row")
+        if not self.auto:
+            return self
+        why = ""
+        if self.stage == "prestrain":
+            why = "a prestrain stage is one row"
+        elif self.follow is not None:
+            why = "a stage with follow chooses its steps along the branch; these are its largest"
+        elif self.dynamic:
+            why = "steps in time have their own control, solver.time_tolerance"
+        if why:
+            raise ValueAt(("steps",), f"auto is for stages in equilibrium: {why}; give a number")
+        return self
 
     @model_validator(mode="after")
     def _follows_alone(self) -> Stage:
@@ -238,3 +303,20 @@ def check_inputs(program: Sequence[Stage], device: Device) -> None:
             if (name or known[0]) in seen:
                 raise ValueAt(where, f"the {kind.name} {name or known[0]!r} is driven twice")
             seen.add(name or known[0])
+
+
+def check_steps(config: Any) -> None:
+    """Raise `ValueAt` if steps are to be chosen where states depend on the steps before them."""
+    auto = [i for i, stage in enumerate(config.program) if stage.auto]
+    why = [
+        f"materials.{name}.{law.memory[0]} gives states a memory"
+        for name, law in config.solids.items()
+        if law.memory
+    ]
+    if config.sensing.charging:
+        why.append("with sensing.charging states depend on time")
+    if any(port.openings for port in config.device.ports):
+        why.append("what flows through openings depends on time")
+    if auto and why:
+        told = f"auto is for stages in equilibrium: {why[0]}; give a number"
+        raise ValueAt(("program", auto[0], "steps"), told)

@@ -14,7 +14,7 @@ from dealib.config.held import check_held
 from dealib.config.materials import Material, Materials, check_materials
 from dealib.config.names import Name
 from dealib.config.probes import Probe, check_probes
-from dealib.config.program import Stage, check_inputs
+from dealib.config.program import Stage, check_inputs, check_steps
 from dealib.config.sensing import Sensing, check_sensing
 from dealib.config.settings import Damping, Limits, Mesh, Output, Physics, Solver
 from dealib.config.stop import Condition, check_conditions
@@ -167,6 +167,7 @@ class Config(Section):
             raise ValueAt(("regions",), "only for geometry.shape: mesh; layers name their material")
         check_inputs(self.program, self.device)
         check_held(self.program, self.device)
+        check_steps(self)
         if self.moves:
             self.check_density()
         check_probes(self)

@@ -147,8 +147,8 @@ def _around(config: Config) -> float:
 def _steps(config: Config) -> float:
     """Number of steps that the program plans."""
     stages = [s for s in config.program if s.stage != "prestrain"]
-    ramps = (_capped(s.steps) * _capped(s.cycles) for s in stages if s.follow is None)
-    paths = (s.follow.states or 10 * s.steps for s in stages if s.follow is not None)
+    ramps = (_capped(s.count) * _capped(s.cycles) for s in stages if s.follow is None)
+    paths = (s.follow.states or 10 * s.count for s in stages if s.follow is not None)
     return float(sum(map(_capped, (*ramps, *paths))))
 
 

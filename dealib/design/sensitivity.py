@@ -111,6 +111,9 @@ def find(
     case = replace(case, config=as_function_of_state(case.config))
     quantities = _Quantities(case.config, of, at)
     chosen = [] if key is None else keys(case.config, key)
+    if chosen and not quantities.ends_only:  # the states beside need one in each row
+        program = tuple(stage.all_solved for stage in case.config.program)
+        case = replace(case, config=case.config.model_copy(update={"program": program}))
     base = Simulation(case, comm, reuse=reuse)
     step, strict = (_ROUGH, False) if rough else (STEP, bool(key))
     near = Neighbours(base, chosen, quantities.needed, step, strict, both=not rough)

@@ -51,6 +51,7 @@ class Quantity:
         needs: Condition on the config.
         kind: Kind of the ports that each have a column of their own.
         pairs: Whether each pair of ports has a column, where there are several.
+        extreme: Whether it is an extreme over the device, which moves from place to place.
     """
 
     name: str
@@ -60,6 +61,7 @@ class Quantity:
     needs: Need = ALWAYS
     kind: PortKind | None = None
     pairs: bool = False
+    extreme: bool = False
 
 
 @dataclass(frozen=True)
@@ -136,6 +138,7 @@ _DAMPED = Need(
 )
 _CHARGING = Need("sensing.charging: true", lambda c: c.sensing.charging)
 _FOLLOW = Need("a stage with follow", lambda c: any(s.follow is not None for s in c.program))
+_AUTO = Need("a stage with steps: auto", lambda c: any(s.auto for s in c.program))
 _WATCHED = Need("output.modes above 0", lambda c: c.output.modes > 0)
 _COUNTED = Need(f"{_WATCHED.text}, or {_FOLLOW.text}", lambda c: _WATCHED.has(c) or _FOLLOW.has(c))
 
@@ -235,28 +238,31 @@ QUANTITIES: tuple[Quantity, ...] = (
     *_of_ports(),
     Q("elastic_energy_mJ", "mJ", "elastic energy", lambda s: s.energy("elastic")),
     Q("electric_energy_mJ", "mJ", "electric energy", lambda s: s.energy("electric")),
-    Q("field_max_MV_per_m", "MV/m", "largest field", _field),
-    Q("thickness_stretch_min", "", "smallest thickness stretch", _thickness),
+    Q("field_max_MV_per_m", "MV/m", "largest field", _field, extreme=True),
+    Q("thickness_stretch_min", "", "smallest thickness stretch", _thickness, extreme=True),
     Q("newton_iterations", "", "Newton iterations", lambda s: s.newton.iterations),
     Q(
         *("stretch_max", "", "largest stretch"),
         lambda s: s.largest(f.principal_stretch for f in s.states),
+        extreme=True,
     ),
-    Q("tension_min_MPa", "MPa", "smallest tension", _tension),
-    Q("breakdown_use", "", "breakdown", _breakdown, _STRENGTH),
+    Q("tension_min_MPa", "MPa", "smallest tension", _tension, extreme=True),
+    Q("breakdown_use", "", "breakdown", _breakdown, _STRENGTH, extreme=True),
     Q("failure_probability", "", "probability of breakdown", _failure, _WEIBULL),
     Q(
         *("wrinkling_use", "", "wrinkling"),
         lambda s: s.peak("wrinkling_use", lambda f: f.film.wrinkling(f.tensions)),
         _TAUT,
+        extreme=True,
     ),
     Q(
         *("pull_in_use", "", "pull-in"),
         lambda s: s.peak("pull_in_use", lambda f: f.film.pull_in(f.k)),
+        extreme=True,
     ),
-    Q("stability_use", "", "material stability", _softening, _SOFTENING),
-    Q("stretch_use", "", "stretch", _stretch, _STRETCH),
-    Q("locking_use", "", "locking", _locking, _LOCKING),
+    Q("stability_use", "", "material stability", _softening, _SOFTENING, extreme=True),
+    Q("stretch_use", "", "stretch", _stretch, _STRETCH, extreme=True),
+    Q("locking_use", "", "locking", _locking, _LOCKING, extreme=True),
     Q(
         *("differential_capacitance_pF", "pF", "differential capacitance"),
         lambda s, port: 1e3 * s.slope(port, blocked=False),
@@ -316,6 +322,7 @@ QUANTITIES: tuple[Quantity, ...] = (
     Q("unstable_modes", "", "unstable modes", needs=_COUNTED),
     Q("limit_point", "", "limit point", needs=_FOLLOW),
     Q("bifurcation", "", "bifurcation", needs=_FOLLOW),
+    Q("solved", "", "solved state", needs=_AUTO),
 )
 
 
@@ -334,7 +341,9 @@ def columns(config: Any) -> dict[str, Column]:
         unit, suffix = of.unit, of.suffix
         if probe.take == "integral":
             unit, suffix = "", ""
-        quantity = Quantity(name + suffix, unit, name, lambda s, name=name: s.probe(name))
+        extreme = probe.on is not None and probe.take in ("max", "min")
+        measure = lambda s, name=name: s.probe(name)  # noqa: E731
+        quantity = Quantity(name + suffix, unit, name, measure, extreme=extreme)
         if any(quantity.name == column.name for column in found):
             problem = f"the history has a column {quantity.name} already; choose another name"
             raise ValueAt(("probes", name), problem)

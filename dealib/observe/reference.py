@@ -62,6 +62,7 @@ MEANINGS = {
     "unstable_modes": "number of negative eigenvalues, with the ports held as the stage says",
     "limit_point": "1 where the varied quantity turns back, otherwise 0",
     "bifurcation": "1 where another branch of equilibria begins, otherwise 0",
+    "solved": "1 where the state was solved, 0 where the row is interpolated between solved states",
 }
 # file, columns, unit and meaning; a name in capitals stands for names of ports and probes
 _TABLES = (

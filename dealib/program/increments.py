@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -30,11 +31,8 @@ class Clock(Protocol):
 class Watch(Protocol):
     """What refuses converged states."""
 
-    def start(self) -> None:
-        """Take the present state as the last one (collective)."""
-
     def keep(self) -> None:
-        """Take the state just found as the last one (collective)."""
+        """Take the present state as the last one (collective)."""
 
     def check(self) -> None:
         """Raise `NotConverged` if the state just found is to be refused (collective)."""
@@ -99,7 +97,8 @@ class Increments:
         corners: set[float],
         apply: Callable[[float], tuple[Any, ...]],
         explain: Callable[[float], str],
-        too_far: Callable[[float, float], bool] = lambda at, step: False,
+        judge: Callable[[float, float], tuple[bool, float]] = lambda at, step: (True, math.inf),
+        skip: bool = False,
     ) -> Iterator[float]:
         """Solve up to each target in turn.
 
@@ -108,10 +107,13 @@ class Increments:
             corners: Those at which an input changes direction: no extrapolation across them.
             apply: Sets the inputs of a time and names them, for the predictor's memory.
             explain: Message for a failure on the way to a time.
-            too_far: Whether the state at a time, reached by a step, asks for a smaller step.
+            judge: Whether to keep the state at a time, reached by a step; and the largest step
+                to try next.
+            skip: Whether a step may pass targets, up to the next corner.
 
         Yields:
-            The time of each converged state: all targets, and more where increments were cut.
+            The time of each converged state: all targets that are not passed, and more where
+            increments were cut.
 
         Raises:
             NotConverged: When an increment has been halved too often; the state is the last
@@ -122,50 +124,59 @@ class Increments:
         if clock.now == 0:
             self.predictor.start()
         if self.watch is not None:
-            self.watch.start()
+            self.watch.keep()
         kept = q.copy()
-        for target in targets:
-            while clock.now < target:
-                left = target - clock.now
-                step = left if clock.size > 0.75 * left else clock.size
-                then = target if step == left else clock.now + step
-                inputs = apply(then)
-                try:
-                    self._solve(kept, then, inputs)
-                    if self.watch is not None:
-                        self.watch.check()
-                    allowed = self._allowed(step)
-                except Singular as error:
-                    raise NotConverged(f"{explain(then)} ({error})") from None
-                except NotConverged as error:
-                    kept.copy(q)
-                    apply(clock.now)
-                    clock.size = step / 2
-                    if isinstance(error, _TooCoarse):
-                        clock.size *= error.factor
-                        smallest = min(smallest, 0.5**self.settings.max_cuts * clock.size)
-                    if clock.size < smallest or clock.size < _SMALLEST * targets[0]:
-                        raise NotConverged(f"{explain(then)} ({error})") from None
-                    log.info("increment to %.6g cut to %.3g: %s", then, clock.size, str(error))
-                    continue
-                if too_far(then, step):
-                    kept.copy(q)
-                    apply(clock.now)
-                    clock.size = step / 2
-                    continue
+        while clock.now < targets[-1]:
+            target = self._target(targets, corners, skip)
+            left = target - clock.now
+            step = left if clock.size > 0.75 * left else clock.size
+            then = target if step == left else clock.now + step
+            inputs = apply(then)
+            try:
+                self._solve(kept, then, inputs)
                 if self.watch is not None:
-                    self.watch.keep()
-                ends = then in corners or then == targets[-1]
-                rate = None if ends else self._rate(apply, then, step)
-                self.predictor.add(then, inputs, q, rate)
-                kept, clock.now = q.copy(), then
-                if self.newton.iterations <= self.settings.target_iterations:
-                    clock.size = 2 * step if step < left else max(clock.size, 2 * step)
-                clock.size = min(clock.size, allowed)
-                log.debug("converged at %.6g of the stage, next %.3g", then, clock.size)
-                if then in corners:
-                    self.predictor.corner()
-                yield then
+                    self.watch.check()
+                allowed = self._allowed(step)
+            except Singular as error:
+                raise NotConverged(f"{explain(then)} ({error})") from None
+            except NotConverged as error:
+                kept.copy(q)
+                apply(clock.now)
+                clock.size = step / 2
+                if isinstance(error, _TooCoarse):
+                    clock.size *= error.factor
+                    smallest = min(smallest, 0.5**self.settings.max_cuts * clock.size)
+                if clock.size < smallest or clock.size < _SMALLEST * targets[0]:
+                    raise NotConverged(f"{explain(then)} ({error})") from None
+                log.info("increment to %.6g cut to %.3g: %s", then, clock.size, str(error))
+                continue
+            keep, next_ = judge(then, step)
+            if not keep:
+                kept.copy(q)
+                apply(clock.now)
+                clock.size = next_
+                continue
+            if self.watch is not None:
+                self.watch.keep()
+            ends = then in corners or then == targets[-1]
+            rate = None if ends else self._rate(apply, then, step)
+            self.predictor.add(then, inputs, q, rate)
+            kept, clock.now = q.copy(), then
+            if self.newton.iterations <= self.settings.target_iterations:
+                clock.size = 2 * step if step < left else max(clock.size, 2 * step)
+            clock.size = min(clock.size, allowed, next_)
+            log.debug("converged at %.6g of the stage, next %.3g", then, clock.size)
+            if then in corners:
+                self.predictor.corner()
+            yield then
+
+    def _target(self, targets: list[float], corners: set[float], skip: bool) -> float:
+        """The next target, or the last one that a step may reach, up to a corner."""
+        k = bisect_right(targets, self.clock.now)
+        reach = (self.clock.now + self.clock.size) * (1 + 1e-9) if skip else -math.inf
+        while k + 1 < len(targets) and targets[k] not in corners and targets[k + 1] <= reach:
+            k += 1
+        return targets[k]
 
     def _rate(self, apply: Callable[[float], tuple[Any, ...]], at: float, step: float) -> Any:
         """Rate of the state just found in the stage's time, by its tangent; None if unknown.

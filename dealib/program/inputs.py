@@ -299,8 +299,8 @@ def milestones(stage: Stage, drives: list[Drive]) -> tuple[list[float], set[floa
         if d.shape is None
     }
     grid = {
-        round(c + k / stage.steps, 12)
+        round(c + k / stage.count, 12)
         for c in range(stage.cycles)
-        for k in range(1, stage.steps + 1)
+        for k in range(1, stage.count + 1)
     }
     return sorted(grid | corners), corners

@@ -47,14 +47,10 @@ class Leaps:
         self._at, self._dofs = (N, dN, N @ nodes), [d[rows] for d in layout.displacements]
         self._before = self._deformation()
 
-    def start(self) -> None:
+    def keep(self) -> None:
         """Take the present state as the last one (collective)."""
         system = self._newton.system
         system.expand(system.q)
-        self.keep()
-
-    def keep(self) -> None:
-        """Take the state of the last residual as the last one."""
         self._before = self._deformation()
 
     def check(self) -> None:

@@ -98,7 +98,7 @@ class Watch:
         ends = row["stage"] in self.stages if self.stages else ends_program(state)
         wanted = state.end_of_stage and ends
         along = row["stage"] == self.along
-        if not (wanted or along):
+        if not state.solved or not (wanted or along):
             return state
         most = int(of.newton.system.q.size) - 1
         count = min(self.count + MORE * along, most)

@@ -172,7 +172,7 @@ class Predictor:
             return None
         known = self._since
         now = known[-1].at
-        if len(known) > 1 and at - now > 2 * (now - known[-2].at):
+        if len(known) > 1 and at - now > (2 + 1e-9) * (now - known[-2].at):
             return None
         rows, data, powers = [], [], np.arange(order + 1)
         for k in reversed(known):

@@ -7,6 +7,7 @@ from typing import Any
 
 from dealib.program.increments import StageClock
 from dealib.program.inputs import Drive, Drives
+from dealib.program.knots import Knots
 from dealib.program.pair import Two
 from dealib.program.work import Work
 
@@ -64,6 +65,7 @@ class Progress:
         through: Volume that has flowed into chambers through each opening, mm^3.
         worst: Largest use of each limit so far (see `margins.keep`).
         over: Whether a condition has ended the stage.
+        knots: Solved states between which rows are interpolated, with `steps: auto`.
         stops: Stages that a condition ended: `step`, `time_s`, `stage`, `when`, and `ends`, which
             is 'stage' or 'run'.
     """
@@ -81,6 +83,7 @@ class Progress:
     through: dict[str, float] = field(default_factory=dict)
     worst: dict[str, dict[str, Any]] = field(default_factory=dict)
     over: bool = False
+    knots: Knots = field(default_factory=Knots)
     stops: list[dict[str, Any]] = field(default_factory=list)
 
     @property
@@ -98,6 +101,7 @@ class Progress:
         """Inverse of `plain`, also after a round trip through JSON."""
         given = dict(plain)
         given["clock"], given["work"] = StageClock(**given["clock"]), Work(**given["work"])
+        given["knots"] = Knots(**given["knots"])
         given["branch"] = given["branch"] and Position.of(given["branch"])
         given["ports"] = {name: tuple(pair) for name, pair in given["ports"].items()}
         given["drives"] = {

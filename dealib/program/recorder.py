@@ -36,6 +36,7 @@ class Recorder:
         self._resumable = resumable
         self._wanted = case.config.output.fields
         self._writer: Writer | None = None
+        self._between: list[dict[str, Any]] = []  # interpolated rows, which go with the next state
 
     def start(self, simulation: Simulation) -> None:
         """See `Observer`."""
@@ -51,6 +52,9 @@ class Recorder:
 
     def see(self, state: State) -> None:
         """See `Observer`."""
+        if not state.solved:
+            self._between.append(state.row)
+            return
         begin = time.perf_counter()
         ends = state.end_of_stage or state.lost
         stored = self._wanted == "every" or (self._wanted == "stage" and ends)
@@ -69,7 +73,8 @@ class Recorder:
             keep = state.engine.predictor.memory
             beside = {"internal": internal, **in_time}
             kept = (nodal, stored, values, keep, beside, to_gauss, state.modes)
-            self._writer.add(Record(state.row, *kept))
+            self._writer.add(Record(state.row, *kept, tuple(self._between)))
+        self._between.clear()
         self._timings["output"] += time.perf_counter() - begin
 
     def wait(self) -> None:

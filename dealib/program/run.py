@@ -226,7 +226,7 @@ class _Session:
                     state = found if look is None else look(found)
                     for observer in observers:
                         observer.see(state)
-                    if signals.obey():
+                    if state.solved and signals.obey():
                         recorder.wait()
                         log.info("SIGUSR1: the checkpoint is at step %d", state.row["step"])
             finally:

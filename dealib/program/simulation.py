@@ -89,7 +89,7 @@ class Simulation:
     def steps_planned(self) -> int:
         """Number of rows after row 0 if no increment is cut; corners between steps may add some."""
         program = self.case.config.program
-        return sum(s.steps * s.cycles for s in program if s.stage != "prestrain")
+        return sum(s.count * s.cycles for s in program if s.stage != "prestrain")
 
     def __iter__(self) -> Iterator[State]:
         """Run the program, or what is left of it."""
@@ -128,14 +128,18 @@ class Simulation:
             engine.newton.step_from(q)
             if engine.viscosity is not None:
                 engine.viscosity.rest()
-            return self._history.accept(stage, 0.0, True, {})
+            return self._state(stage, 0.0, last=True)
         engine.begin((at - p.clock.now) * stage.duration)
         engine.apply(at)
         engine.newton.step_from(q)
         p.clock.now = at
         for clock in clocks:
             clock.commit()
-        return self._history.accept(stage, p.stage_start + at * stage.duration, False, {})
+        return self._state(stage, p.stage_start + at * stage.duration, last=False)
+
+    def _state(self, stage: Stage, at: float, last: bool) -> State:
+        (state,) = self._history.accept(stage, self._history.draft(at, {}), last)
+        return state
 
     def _begin(self, index: int, stage: Stage) -> None:
         """Enter a stage: the ports keep their last values unless it drives them."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -11,6 +12,7 @@ from typing import Any
 from dealib.config.program import Stage
 from dealib.device.records import CHAMBER, TERMINAL
 from dealib.errors import ConfigError, NotConverged
+from dealib.program.chosen import Chosen, to_halve
 from dealib.program.engine import Engine
 from dealib.program.follow import BIFURCATION, LIMIT_POINT, Branch
 from dealib.program.history import History, State
@@ -37,14 +39,14 @@ def prestrain(of: Engine, history: History, stage: Stage) -> Iterator[State]:
 
     apply(0.0)
     increments = Increments(of.newton, of.config.solver, of.predictor, watch=of.leaps)
-    targets = [k / stage.steps for k in range(1, stage.steps + 1)]
+    targets = [k / stage.count for k in range(1, stage.count + 1)]
     for _ in increments.run(targets, {1.0}, apply, partial(_failure, of, stage)):
         pass
     if of.viscosity is not None:
         of.viscosity.rest()
     if of.newton.system.charging is not None:
         of.newton.system.charging.rest()
-    yield _state(of, history, stage, 0.0, last=True)
+    yield from _state(of, history, stage, 0.0, last=True)
 
 
 def ramp(of: Engine, history: History, stage: Stage) -> Iterator[State]:
@@ -62,17 +64,27 @@ def ramp(of: Engine, history: History, stage: Stage) -> Iterator[State]:
 
     fine = any(c.bisect for c in (*of.config.stop_when, *stage.stop_when))
 
-    def too_far(at: float, step: float) -> bool:
-        """Whether a condition is met after a step that is longer than its bisection asks for."""
-        halvings = [c.bisect for c in history.met(stage, time(at))] if fine else []
-        return bool(halvings) and step > 0.5 ** max(halvings) / stage.steps * (1 + 1e-9)
+    def judge(at: float, step: float) -> tuple[bool, float]:
+        """Not to keep a state that meets a condition on a step that is to be halved for it."""
+        met = history.met(stage, time(at)) if fine else []
+        return (False, step / 2) if to_halve(met, step, stage) else (True, math.inf)
 
     apply(p.clock.now)
     increments = Increments(of.newton, of.config.solver, of.predictor, p.clock, clocks, of.leaps)
-    for at in increments.run(targets, corners, apply, partial(_failure, of, stage), too_far):
+    chosen = None
+    if stage.auto:
+        chosen = Chosen(of, history, stage, targets, corners, partial(stability, of))
+    explain = partial(_failure, of, stage)
+    for at in increments.run(
+        targets, corners, apply, explain, chosen.judge if chosen else judge, stage.auto
+    ):
         for clock in clocks:
             clock.commit()
-        yield _state(of, history, stage, time(at), last=at == targets[-1])
+        last = at == targets[-1]
+        if chosen is None:
+            yield from _state(of, history, stage, time(at), last)
+        else:
+            yield from chosen.accept(at, last)
         if p.over:
             return
 
@@ -94,7 +106,7 @@ def follow(of: Engine, history: History, stage: Stage) -> Iterator[State]:
     pair = Pair(vary, along, p.branch.sizes)
     goal = limits.get(vary)
     branch = Branch(
-        of.newton, of.config.solver, of.predictor, pair, end, stage.steps, p.branch, goal
+        of.newton, of.config.solver, of.predictor, pair, end, stage.count, p.branch, goal
     )
     name = vary.name.partition(".")[0]
     try:
@@ -102,8 +114,8 @@ def follow(of: Engine, history: History, stage: Stage) -> Iterator[State]:
             at, before = p.stage_start + p.branch.length * stage.duration, p.ports
             p.drives[pair.port] = (plain_drive(vary.port, name, (p.branch.point[0],) * 2),)
             of.newton.system.ports[pair.port] = law(p.drives[pair.port], 1.0)  # as it is measured
-            full = p.branch.count >= (given.states or 10 * stage.steps)
-            state = _state(of, history, stage, at, full, found.modes, found.kind)
+            full = p.branch.count >= (given.states or 10 * stage.count)
+            (state,) = _state(of, history, stage, at, full, found.modes, found.kind)
             p.branch.done |= p.over or any(
                 _passed(_at(before, v), _at(p.ports, v), limit) for v, limit in limits.items()
             )
@@ -145,14 +157,19 @@ def _state(
     last: bool,
     modes: int | None = None,
     kind: str = "",
-) -> State:
-    """Accept the current state; if the program follows a branch, with its stability."""
+) -> list[State]:
+    """Accept the present state."""
+    return history.accept(stage, history.draft(at, stability(of, modes, kind)), last)
+
+
+def stability(of: Engine, modes: int | None = None, kind: str = "") -> dict[str, Any]:
+    """Columns of the present state's stability, where branches are followed."""
     more: dict[str, Any] = {}
     if any(s.follow is not None for s in of.config.program):
         more["unstable_modes"] = of.newton.unstable_modes() if modes is None else modes
         more["limit_point"] = int(kind == LIMIT_POINT)
         more["bifurcation"] = int(kind == BIFURCATION)
-    return history.accept(stage, at, last, more)
+    return more
 
 
 def _passed(before: float, now: float, limit: float) -> bool:

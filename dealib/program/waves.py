@@ -47,7 +47,7 @@ class Shape:
         Raises:
             ConfigError: If the file cannot be read, lacks a column, or its times do not increase.
         """
-        found = cls(wave, stage.duration, 1 / stage.steps)
+        found = cls(wave, stage.duration, 1 / stage.count)
         if wave.file is None:
             return found
         times, values = _read(wave.file, quantity, DIMENSIONS[dimension][0])

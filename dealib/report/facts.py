@@ -112,11 +112,15 @@ def program(config: Config) -> list[dict[str, str]]:
         {
             "stage": stage.stage,
             "duration": text(write(stage.duration, "time")) if _timed(stage) else "",
-            "steps": str(stage.steps) + (f" × {stage.cycles}" if stage.cycles > 1 else ""),
+            "steps": _steps(stage) + (f" × {stage.cycles}" if stage.cycles > 1 else ""),
             "inputs": _inputs(stage),
         }
         for stage in config.program
     ]
+
+
+def _steps(stage: Stage) -> str:
+    return f"auto, {stage.count} rows" if stage.auto else str(stage.steps)
 
 
 def _timed(stage: Stage) -> bool:
@@ -236,7 +240,7 @@ def solution(run: Run) -> Rows:
     """Numbers of unknowns, steps and iterations."""
     h, info = run.history, run.info
     program, taken = run.config.program, len(h) - 1
-    planned = sum(s.steps * s.cycles for s in program if s.stage != "prestrain")
+    planned = sum(s.count * s.cycles for s in program if s.stage != "prestrain")
     iterations = h["newton_iterations"][1:]
     found = [("Unknowns", f"{info['unknowns']:,}".replace(",", " "))] if "unknowns" in info else []
     if any(s.follow is not None for s in program):
@@ -244,6 +248,9 @@ def solution(run: Run) -> Rows:
     else:
         found.append(("Steps", f"{taken} of {planned} planned"))
         found.append(("Further steps: increments cut, corners of inputs", str(_further(run))))
+    if "solved" in h:
+        found.append(("Solved states; the other rows are interpolated", str(h["solved"].sum())))
+        iterations = iterations[h["solved"][1:] == 1]
     if taken:
         found.append(
             (
@@ -262,7 +269,7 @@ def _further(run: Run) -> int:
     taken = run.history["stage"][1:].value_counts()
     planned: dict[str, int] = {}
     for s in stages:
-        planned[s.stage] = planned.get(s.stage, 0) + s.steps * s.cycles
+        planned[s.stage] = planned.get(s.stage, 0) + s.count * s.cycles
     return int(sum(max(0, int(n) - planned.get(str(stage), 0)) for stage, n in taken.items()))
 
 

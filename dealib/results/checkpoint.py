@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -65,10 +65,17 @@ class CheckpointFolder:
         state: Array,
         keep: int,
         beside: Mapping[str, Array | Stored | None],
+        rows: Sequence[Mapping[str, Any]] = (),
     ) -> None:
         """Save a step, safe on the disk when this returns, and keep some states before it.
 
-        What is `Stored` already, `keep` has written.
+        Args:
+            values: Plain values of the program.
+            mesh: Fingerprint of the mesh.
+            state: Nodal values.
+            keep: How many states to keep.
+            beside: See `Record.beside`; what is `Stored` already, `keep` has written.
+            rows: Of the history since the save before; default the program's last one.
 
         Raises:
             PlatformError: If the disk refuses; the previous checkpoint is then intact.
@@ -77,14 +84,16 @@ class CheckpointFolder:
         for name, array in {STATE: state, **beside}.items():
             if array is not None and not isinstance(array, Stored):
                 self.keep(name, step, array)
-        old = [self._array(STATE, step - keep), *(self._array(n, step - 1) for n in beside)]
-        for path in old:
+        gone = [self._array(STATE, k) for k in self._steps(STATE, sums)[:-keep]]
+        gone += [self._array(n, k) for n in beside for k in self._steps(n, sums) if k != step]
+        for path in gone:
             sums.pop(path.name, None)
-        self._history = chained(self._history, values["progress"]["row"])
+        for row in rows or [values["progress"]["row"]]:
+            self._history = chained(self._history, row)
         held = {"mesh": mesh, "values": values, "history": self._history}
         text = json.dumps({**held, "sums": {**sums, VALUES: _sum_of_values(values)}})
         write_bytes(self.folder / VALUES, text.encode(), durable=True)
-        for path in old:
+        for path in gone:
             path.unlink(missing_ok=True)
 
     def keep(self, name: str, step: int, array: Array | Stream) -> Stored:
@@ -129,10 +138,9 @@ class CheckpointFolder:
                     array = _checked(self._array(of, step), sums)
                     saved.beside[of] = array if of == INTERNAL else array[:]
             known = len(saved.values["predictor"]["known"])
-            while len(saved.states) < max(known, 1) and self._array(STATE, step).name in sums:
-                saved.states.insert(0, _checked(self._array(STATE, step), sums)[:])
-                step -= 1
-            if not saved.states:
+            there = self._steps(STATE, sums)[-max(known, 1) :]
+            saved.states.extend(_checked(self._array(STATE, k), sums)[:] for k in there)
+            if step not in there:
                 raise ValueError(f"{self._array(STATE, step).name} is missing")
         except Exception as error:  # of a file whose content can be anything
             raise ConfigError(f"{self.folder}: damaged checkpoint ({error}); {anew()}") from None
@@ -142,6 +150,11 @@ class CheckpointFolder:
         """Content of the file of values; None before any step has converged."""
         path = self.folder / VALUES
         return dict(json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else None
+
+    def _steps(self, name: str, sums: Iterable[str]) -> list[int]:
+        """Steps of which an array is held, in order; interpolated rows have none."""
+        found = (file.removesuffix(".npy").rpartition("_") for file in sums)
+        return sorted(int(step) for of, _, step in found if of == name and step.isdigit())
 
     def _array(self, name: str, step: int) -> Path:
         return self.folder / f"{name}_{step:05d}.npy"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -54,6 +54,7 @@ class Record:
         to_gauss: Matrix from the internal variables' points to Gauss points, (Gauss points,
             points); None if the state is not stored, or has no such variables.
         modes: Displacements of modes where stability is lost, (modes, nodes, axes).
+        between: Interpolated rows of the history since the record before.
     """
 
     row: dict[str, Any]
@@ -64,6 +65,7 @@ class Record:
     beside: Mapping[str, Any] = field(default_factory=dict)
     to_gauss: Array | None = None
     modes: Array | None = None
+    between: Sequence[Mapping[str, Any]] = ()
 
 
 class Writer(Protocol):
@@ -118,12 +120,17 @@ class StepWriter:
         if self._fields is not None and record.stored and state is not None:
             derived = self._derive(state, at_gauss) | named(record.modes, velocity)
             self._fields.add(row["step"], row["time_s"], derived)
+        for interpolated in record.between:
+            self._history.add(interpolated)
+            self._states.add(interpolated, None, {})
         self._history.add(row)
         more = {"internal": at_gauss, "modes": record.modes, "velocity": velocity}
         self._states.add(row, state if record.stored else None, more)
         if self._checkpoint is not None and state is not None:
             self._states.flush()
-            self._checkpoint.write(record.values, self._mesh, state, record.keep, beside)
+            rows = [*record.between, row]
+            kept = (state, record.keep, beside)
+            self._checkpoint.write(record.values, self._mesh, *kept, rows)
         self.seconds += time.perf_counter() - begin
 
     def wait(self) -> None:
