@@ -6,6 +6,7 @@ import pytest
 from conftest import CONFIGS, case
 
 import dealib
+from dealib.design.slopes import known
 from dealib.errors import ConfigError
 from dealib.program.knots import TOLERANCE, Knots
 
@@ -198,6 +199,13 @@ def test_what_cannot_be_is_told_at_its_key(changes, where, why):
         dealib.load(SMALL, set={"program.0.steps": "auto"} | changes)
     assert where in str(caught.value)
     assert why in str(caught.value)
+
+
+def test_a_fit_takes_differences_where_rows_are_interpolated():
+    """A row between solved states has no states beside it that would give its derivatives."""
+    given = case("benchmark_strip")
+    assert known(given.config)
+    assert not known(case("benchmark_strip", program__1__steps="auto").config)
 
 
 def test_a_branch_chooses_its_own_steps():

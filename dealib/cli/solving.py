@@ -62,7 +62,7 @@ def modes(
     ] = None,
     along: Annotated[
         str | None,
-        typer.Option(metavar="STAGE", help="also compute frequencies at each state of this stage"),
+        typer.Option(metavar="STAGE", help="also compute frequencies at the solved states of it"),
     ] = None,
     set: Set = None,
     out: Annotated[Path | None, typer.Option(help="directory; default RUN-modes")] = None,

@@ -179,7 +179,8 @@ class Output(Section):
 
     directory: FilePath | None = Field(None, description="run directory; default runs/NAME")
     fields: Literal["every", "stage", "none"] = Field(
-        "every", description="store fields at every step, at the end of each stage, or never"
+        "every",
+        description="store fields at every solved state, at the end of each stage, or never",
     )
     modes: int = Field(
         0,

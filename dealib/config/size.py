@@ -119,6 +119,7 @@ def _unknowns(config: Config) -> float:
     a_cell = (_UNKNOWNS_SOLID if device.kinematics.dim == 3 else _UNKNOWNS)[m.order]
     if file is not None:
         if os.path.getsize(file) > _LARGE:
+            a_cell += device.kinematics.dim + 1 if mixed else 0  # the pressure is linear in a cell
             return a_cell * os.path.getsize(file) / _BYTES[device.kinematics.dim]
         return of_file(device, Path(file), m.order, mixed)
     assert laminate is not None

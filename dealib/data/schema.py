@@ -102,7 +102,7 @@ class Selection(Reading):
     x: str | None = Field(None, description="quantity of the abscissa; default the first column")
     plateaus: Plateaus | None = None
     resample: int | None = Field(
-        None, ge=2, description="at most so many points: means of rows that follow each other"
+        None, ge=2, description="about this number of points: means of consecutive rows"
     )
     turn: Amount | None = Field(
         None,

@@ -58,12 +58,13 @@ class Slopes:
 
 
 def known(config: Config) -> bool:
-    """Whether the history of a config has derivatives (see `sensitivity.refuse`)."""
+    """Whether each row of a config's history has derivatives (see `sensitivity.refuse`)."""
     try:
         refuse(config)
     except ValueAt:
         return False
-    return not config.output.modes
+    # interpolated rows have no state of their own from which those beside are found
+    return not config.output.modes and not any(stage.auto for stage in config.program)
 
 
 def read(directory: Path) -> dict[str, dict[str, npt.NDArray[np.float64]]]:

@@ -18,7 +18,7 @@ from dealib.results.elements import Array
 Bodies = list[tuple[Any, str]]  # VTK's data and a colour; empty if it is coloured by values
 
 PIXELS = (1900, 1000)
-_ABOVE = (1.2, -1.6, 1.35)  # position of the camera
+_ABOVE = (1.2, -1.6, 1.35)  # direction from which the camera looks
 _PROBE = (
     "import pyvista as pv; p = pv.Plotter(off_screen=True, window_size=(40, 40));"
     "p.add_mesh(pv.Sphere()); p.screenshot(None, return_img=True); p.close()"

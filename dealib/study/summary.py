@@ -7,12 +7,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from dealib.cases.cache import Cache
+from dealib.cases.cache import DONE, FAILED, Cache
 from dealib.cases.job import Ended
 from dealib.files import write_text
 from dealib.study.evaluate import Results
 from dealib.study.plan import Plan, Planned
-from dealib.study.sweep import status
+from dealib.study.sweep import CaseStatus, status
 
 
 class Summary:
@@ -43,7 +43,10 @@ class Summary:
 
     def _row(self, plan: Plan, case: Planned, ended: Ended | None = None) -> dict[str, Any]:
         failed = {} if ended is None else {ended.job.key: ended}
-        results = Results(plan, self.cache, [status(case, self.cache, failed)])
+        found = status(case, self.cache, failed)
+        if ended is None and found.status not in (DONE, FAILED):  # a worker may be solving it
+            found = CaseStatus(case, "missing")
+        results = Results(plan, self.cache, [found])
         return dict(results.table.iloc[0])
 
     def write(self) -> None:
