@@ -77,6 +77,18 @@ def test_turns_that_no_corner_tells_are_refined(tmp_path):
         assert around.all(), turn
 
 
+def test_corners_between_rows_are_reached():
+    """Corners at fifths of a stage that has rows at its quarters."""
+    program = "[{{stage: actuate, terminal: {{voltage: [0 V, 1 kV, 0 V, 2 kV, 1 kV, 0 V]}}, {0}}}]"
+    tight, _ = rows("benchmark_strip", program, "steps: 4", **STRIP)
+    auto, _ = rows("benchmark_strip", program, "steps: auto, rows: 4", **STRIP)
+    shared = auto[auto["time_s"].isin(tight["time_s"])].reset_index(drop=True)
+    for name in ("force_N", "voltage_kV", "charge_uC", "capacitance_pF", "elastic_energy_mJ"):
+        off = np.abs(shared[name] - tight[name]).max()  # works are sums over all rows of a run
+        assert off <= TOLERANCE * np.ptp(tight[name]), name
+    assert set(auto["solved"]) == {1}
+
+
 def test_onset_of_wrinkles_is_refined():
     onset = {"physics__wrinkling": "tension_field", "mesh__columns": 8, "output__fields": "none"}
     onset["physics__model"] = "membrane"

@@ -25,6 +25,7 @@ from dealib.fem.problem import build_problem
 from dealib.materials import evolution, invariants_of_stretches, thickness_stretch
 from dealib.program.tables import tables_case
 from dealib.results.checkpoint import CheckpointFolder
+from dealib.results.rows import Transferred
 
 FILE = Path(__file__).with_name("viscous.yaml")
 
@@ -407,7 +408,7 @@ def test_stress_of_the_results_is_that_of_the_equilibrium(name):
     bench = viscous.Viscous(viscous.LAW, branches, viscous.CONFINED)
     bench.through(0.5, 5, mount=0.1 * viscous.THICKNESS)
     layout = Layout.of(bench.problem)
-    internal = bench.viscosity.at_points(bench.viscosity.gather())
+    internal = Transferred(bench.viscosity.gather(), bench.viscosity.weights())
     found = dealib.results.fields.fields(
         bench.problem.config, layout.mesh, layout.gather(), internal
     )

@@ -312,7 +312,7 @@ def at_points(nodal: Array, dN: Array) -> Array:
     cells, points, nodes, axes = dN.shape
     flat = np.swapaxes(dN, 1, 2).reshape(cells, nodes, points * axes)
     found = np.swapaxes(nodal, 1, 2) @ flat
-    return np.swapaxes(found.reshape(cells, -1, points, axes), 1, 2)
+    return np.swapaxes(found.reshape(cells, nodal.shape[2], points, axes), 1, 2)
 
 
 def _hoop(F: Array, u: Array, N: Array, position: Array) -> Array:

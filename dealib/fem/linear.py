@@ -171,5 +171,6 @@ def fixed_tangent(system: System) -> Any:
 def set_options(prefix: str, options: dict[str, Any]) -> None:
     """Put options into PETSc's database."""
     known = PETSc.Options()
+    known["options_left"] = "no"  # a run that is stopped early has not used all
     for key, value in options.items():
         known[prefix + key] = value

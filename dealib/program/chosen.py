@@ -60,16 +60,18 @@ class Chosen:
         draft = self._history.draft(self._clock(at), self._more())
         times = [x for x in self._rows if p.clock.now < x < at]
         fit = p.knots.fit(at, numbers(draft), times, self._inputs, ~self._history.extremes)
+        fit = of.comm.bcast(fit, root=0)  # what follows is collective
         if times or fit.reach() >= 2 * self._least:  # else the next row is solved anyway
-            fit = self._with_extremes(fit, draft)
-        fit = of.comm.bcast(fit, root=0)
+            fit = of.comm.bcast(self._with_extremes(fit, draft), root=0)
         turns = (p.row or {}).get("unstable_modes") != self._unstable(draft)
+        # before a corner, the next row may be nearer than the distance of the rows
+        least = min([self._least, *(x - p.clock.now for x in times[:1])])
         if times and (fit.share > 1 or turns):
-            return False, max(self._least, min(step / 2, fit.reach(again=True)))
+            return False, max(least, min(step / 2, fit.reach(again=True)))
         self._next = [*self._interpolated(times, fit, draft), draft]
         met = self._history.met_by(self._stage, self._next)
         if to_halve(met, step, self._stage):
-            return False, max(self._least, step / 2) if times else step / 2
+            return False, max(least, step / 2) if times else step / 2
         return True, self._least if at in self._corners else max(self._least, fit.reach())
 
     def accept(self, at: float, last: bool) -> list[State]:

@@ -27,7 +27,8 @@ class Leaps:
     increment a fibre or a sheet's normal has turned by more than 90 degrees, the state must be
     stable: a real snap-through, which loses energy, ends in a stable state only. A motion that
     is merely fast turns less in the smaller increments that follow a refusal, and passes. A
-    dynamic stage has no leaps, and a coupling without a potential tells no stability.
+    dynamic stage has no leaps, and without a potential, or with an iterative solver, stability is
+    not known.
 
     Args:
         newton: The solver.
@@ -62,7 +63,8 @@ class Leaps:
         now, system = self._deformation(), self._newton.system
         if self._kinematics.revolved and self._any(now[:, 2, 2] <= 0):
             raise NotConverged(_THROUGH_AXIS)
-        judged = system.inertia is None and system.problem.coupling.symmetric
+        potential = system.inertia is None and system.problem.coupling.symmetric
+        judged = potential and not self._newton.iterative  # the factors may need too much memory
         turned = np.einsum("cij,cij->cj", self._before, now) < 0
         if judged and self._any(turned) and self._newton.unstable_modes() > 0:
             raise NotConverged(_TURNED)

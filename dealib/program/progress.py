@@ -101,7 +101,7 @@ class Progress:
         """Inverse of `plain`, also after a round trip through JSON."""
         given = dict(plain)
         given["clock"], given["work"] = StageClock(**given["clock"]), Work(**given["work"])
-        given["knots"] = Knots(**given["knots"])
+        given["knots"] = Knots(**given.get("knots", {}))  # checkpoints of before have none
         given["branch"] = given["branch"] and Position.of(given["branch"])
         given["ports"] = {name: tuple(pair) for name, pair in given["ports"].items()}
         given["drives"] = {

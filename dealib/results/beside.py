@@ -87,7 +87,7 @@ class Beside:
                 return found
 
     def _send(self, message: Opening | Record | None) -> None:
-        while self._due > _AHEAD or self._link.poll():
+        while self._due >= _AHEAD or self._link.poll():
             self._answer()
         try:
             self._link.send(message)

@@ -59,7 +59,7 @@ class Run:
         """What `run.json` says: status, versions, timings; without what is damaged."""
         found, problem = read_info(self.directory)
         if problem:
-            self._tell(f"{self.directory / INFO}: {problem}; the rest of it is used")
+            self._tell(f"{self.directory / INFO}: {problem}; what it cannot tell is unknown")
         return found
 
     @property
