@@ -62,7 +62,7 @@ def test_two_and_three_dimensions_agree():
         assert turned[name] == pytest.approx(flat[name], rel=2e-4), name
 
 
-def square(program, law=RUBBER, **physics):
+def square(program, law=RUBBER, terminals=None, **physics):
     """A square film whose edges move parallel to themselves: `plate` along X, `side` along Y."""
     given = {
         "geometry": {"base": SQUARE},
@@ -78,7 +78,8 @@ def square(program, law=RUBBER, **physics):
             {"on": "front", "fix": "Y"},
             {"on": "film.bottom", "fix": "Z"},
         ],
-        "terminals": {"top": {"on": "film.top"}, "ground": {"on": "film.bottom", "ground": True}},
+        "terminals": (terminals or {"top": {"on": "film.top"}})
+        | {"ground": {"on": "film.bottom", "ground": True}},
         "program": program,
     }
     return rows(config("annulus", layer(thickness="50 um"), **given))
@@ -110,6 +111,26 @@ def test_a_tension_field_has_the_natural_width(volts):
     # the field is that of the film, which is wider than the surface
     plates = EPSILON_0 * EPS * 80 / 0.050 * (1.5 * width) ** 2
     assert end["capacitance_pF"] == pytest.approx(1e3 * plates, rel=3e-4)
+
+
+@pytest.mark.parametrize("wrinkling", ["taut", "tension_field"])
+def test_capacitances_of_several_areas_are_charges_over_voltages(wrinkling):
+    """Thickness and wrinkles follow the voltage; a capacitance is that of the body as it is."""
+    parts = {
+        "a": {"on": "film.top", "within": {"X": ["-5 mm", "-2.5 mm"]}},
+        "b": {"on": "film.top", "within": {"X": ["0 mm", "5 mm"]}},
+    }
+    program = pulled(narrower="-2 mm")
+    program[1] = {
+        "stage": "drive",
+        "terminals": {"a": {"voltage": "1 kV"}, "b": {"voltage": "2 kV"}},
+    }
+    soft = RUBBER | {"bulk_modulus": f"{20 * G} MPa"}
+    end = square(program, soft, parts, wrinkling=wrinkling)[-1]
+    for name, volts in (("a", 1.0), ("b", 2.0)):
+        found = end[f"capacitance_pF.{name}.{name}"]
+        assert found == pytest.approx(1e3 * end[f"charge_uC.{name}"] / volts, rel=1e-9)
+    assert end["capacitance_pF.a.b"] == pytest.approx(0, abs=1e-9)
 
 
 def test_a_taut_film_bears_what_a_tension_field_does_not():

@@ -105,7 +105,8 @@ def test_fields(newton: Newton) -> list[Any]:
 def capacitances(newton: Newton) -> Array:
     """Maxwell's capacitance matrix with the body fixed, nF (collective).
 
-    For a sheet, which has no potential field, it consists of derivatives of the charges.
+    For a sheet, which has no potential field, it consists of derivatives of the charges at fixed
+    thickness and wrinkles.
 
     Returns:
         Charges on terminals at unit voltage of each one, (terminals, terminals), symmetric.
@@ -115,5 +116,6 @@ def capacitances(newton: Newton) -> Array:
         return newton.electrostatics.capacitances()
     names = [port.name for port in problem.device.of(TERMINAL)]
     pairs = [[f"corner {a} {b}" for b in names] for a in names]
-    found = [[problem.integrate(n) if problem.form(n) else 0.0 for n in row] for row in pairs]
+    with problem.sheet.fixed():
+        found = [[problem.integrate(n) if problem.form(n) else 0.0 for n in row] for row in pairs]
     return -np.array(found)

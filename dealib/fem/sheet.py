@@ -17,6 +17,7 @@ the mounted state, so that nothing collapses; no energy that is invariant to rot
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -125,6 +126,18 @@ class SheetModel:
             energies, slopes, hessian = self._relaxed(area, volts)
             upper = hessian[..., self._pairs[0], self._pairs[1]]
             packed[dofs[cells]] = np.concatenate([energies, slopes, upper], axis=-1)
+
+    @contextmanager
+    def fixed(self) -> Iterator[None]:
+        """While the context lasts, second derivatives are those at fixed thickness and wrinkles."""
+        dofs = compat.cell_dofs(self._values.function_space)
+        packed = self._values.x.array.reshape(-1, self._values.function_space.dofmap.bs)
+        for area, cells in self._cells.items():
+            hessian = sum(layer.derivatives(fixed=True)[2] for layer in self._layers[area])
+            upper = hessian[..., self._pairs[0], self._pairs[1]]
+            packed[dofs[cells], -upper.shape[-1] :] = upper
+        yield
+        self.settle()
 
     def _sum(self, area: str, volts: Mapping[str, float]) -> list[Any]:
         """Energies and derivatives of all layers on a part of the base."""

@@ -117,10 +117,12 @@ class Layer:
                 return
         s[self._dofs[~(np.abs(step) < 1e-9)]] = np.nan
 
-    def derivatives(self) -> tuple[Any, Any, Any]:
+    def derivatives(self, fixed: bool = False) -> tuple[Any, Any, Any]:
         """Energies and their derivatives by metric and voltages, per area of the mesh.
 
-        The thickness stretch is eliminated by static condensation.
+        Args:
+            fixed: Second derivatives at a fixed thickness; default with the thickness stretch
+                eliminated by static condensation.
 
         Returns:
             Energies (cells, points, 2), first derivatives (cells, points, n) and second ones
@@ -134,8 +136,9 @@ class Layer:
         full[..., self._pairs[0], self._pairs[1]] = full[..., self._pairs[1], self._pairs[0]] = (
             packed
         )
-        mixed = full[..., :-1, -1]
-        both = mixed[..., :, None] * mixed[..., None, :]
-        condensed = full[..., :-1, :-1] - both / full[..., -1:, -1:]
+        curvature = full[..., :-1, :-1]
+        if not fixed:
+            mixed = full[..., :-1, -1]
+            curvature = curvature - mixed[..., :, None] * mixed[..., None, :] / full[..., -1:, -1:]
         T = self._volts_to_field()
-        return found[..., :FIRST], slopes[..., :-1] @ T, T.T @ condensed @ T
+        return found[..., :FIRST], slopes[..., :-1] @ T, T.T @ curvature @ T
