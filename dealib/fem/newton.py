@@ -34,7 +34,10 @@ _EXACT = 1e-12  # tolerance of a linear solution that is not corrected afterward
 _FOLDING = 5  # times as many iterations in tension fields, whose tangent is discontinuous
 _MANY = 10_000  # limit for SNES, which `_test` never reaches
 _EXTERNAL = 76  # PETSc's code for errors of MUMPS, as where whole rows of the tangent are zero
-_SINGULAR = "the tangent is singular: a part is not held, or a slack film does not hold it yet"
+_SINGULAR = (
+    "the tangent is singular: a part is not held, or a slack film does not hold it yet; a flat "
+    "membrane needs a pre-stretch, or a hold across it"
+)
 _STALLED = "the iterative linear solver did not converge; try solver.linear: direct"
 Reason = PETSc.SNES.ConvergedReason
 
