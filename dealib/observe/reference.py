@@ -114,7 +114,7 @@ port follows: `voltage_kV.left`, and `capacitance_pF.left.right` for pairs.
 | `stage` |  | name of the stage that the state belongs to |  |"""
 _FURTHER = (
     ("inflow_mm3.NAME", "mm3", "volume that came into a chamber through an opening", "an opening"),
-    ("NAME_UNIT", "", "a probe, such as `tip_mm` or `centre_MV_per_m`; an integral has no unit in its name", "probes"),
+    ("NAME_UNIT", "", "a probe, such as `tip_mm` or `E_MV_per_m`; an integral: no unit", "probes"),
 )
 _OTHERS = """
 ## Tables of other commands
