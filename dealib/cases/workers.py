@@ -6,6 +6,7 @@ import gc
 import multiprocessing
 import os
 import signal
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection, wait
@@ -150,10 +151,12 @@ def _serve(pipe: Connection) -> None:
     """Main loop of a worker process; it ends when the pipe is closed or a signal comes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent acts
     gc.set_threshold(20_000)  # imported modules stay, and a case makes hardly any garbage
-    with suppress(EOFError, OSError, Interrupted):
+    try:
         while True:
-            job = pipe.recv()
-            pipe.send(run(job, lambda step, total: pipe.send((step, total))))
+            pipe.send(run(pipe.recv(), lambda step, total: pipe.send((step, total))))
+    except (EOFError, OSError, Interrupted):
+        sys.stdout.flush()
+        os._exit(0)  # at once: Python 3.12 complains of a message that was cut off
 
 
 def in_ranks(jobs: Sequence[Job], watcher: Watcher, executor: Any) -> Iterator[Ended]:
