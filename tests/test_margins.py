@@ -264,7 +264,7 @@ def test_limits_are_columns_only_where_they_are_set():
     branch = {"unstable_modes", "limit_point", "bifurcation"}
     known = columns(case("margins").config)  # what conditions can watch
     kept = {name for name, column in known.items() if column.quantity.measure is None}
-    assert kept == {"step", "time_s", *work, *branch}  # by the program; the others are measured
+    assert kept == {"step", "time_s", "solved", *work, *branch}  # by the program; others are measured
     assert set(h.columns) - {"stage"} <= set(known)
 
 
