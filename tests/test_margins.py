@@ -264,7 +264,8 @@ def test_limits_are_columns_only_where_they_are_set():
     branch = {"unstable_modes", "limit_point", "bifurcation"}
     known = columns(case("margins").config)  # what conditions can watch
     kept = {name for name, column in known.items() if column.quantity.measure is None}
-    assert kept == {"step", "time_s", "solved", *work, *branch}  # by the program; others are measured
+    program = {"step", "time_s", "solved"}
+    assert kept == {*program, *work, *branch}  # the others are measured
     assert set(h.columns) - {"stage"} <= set(known)
 
 
