@@ -107,7 +107,7 @@ def test_the_page_follows_its_sliders(tmp_path, session):
             seen.until(THERE.format("curves"))
             seen.until(THERE.format("device"))
             told = "document.querySelector('#status').innerText"
-            seen.until(f"{told}.includes('off by displacement')")
+            seen.until(f"{told}.includes('deviates by displacement')")
             seen.run(WATCH)
             for quick in expected:
                 press(seen, "ArrowRight")
