@@ -132,12 +132,13 @@ class SheetModel:
         """While the context lasts, second derivatives are those at fixed thickness and wrinkles."""
         dofs = compat.cell_dofs(self._values.function_space)
         packed = self._values.x.array.reshape(-1, self._values.function_space.dofmap.bs)
+        kept = packed.copy()
         for area, cells in self._cells.items():
             hessian = sum(layer.derivatives(fixed=True)[2] for layer in self._layers[area])
             upper = hessian[..., self._pairs[0], self._pairs[1]]
             packed[dofs[cells], -upper.shape[-1] :] = upper
         yield
-        self.settle()
+        packed[:] = kept
 
     def _sum(self, area: str, volts: Mapping[str, float]) -> list[Any]:
         """Energies and derivatives of all layers on a part of the base."""
