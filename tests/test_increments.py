@@ -53,10 +53,11 @@ class FakeNewton:
         self.system = SimpleNamespace(q=Vector())
         self.reach, self.iterations, self.answers = reach, iterations, answers
         self.input = 0.0
-        self.starts = []
+        self.starts, self.known = [], []
 
-    def solve(self):
+    def solve(self, known=False):
         q = self.system.q
+        self.known.append(known)
         self.starts.append(q.value)
         if abs(self.input - q.value) > self.reach * (1 + 1e-12):
             q.value = float("nan")
@@ -200,7 +201,32 @@ def test_goes_on_from_a_place_as_if_never_stopped():
         assert first.starts + second.starts == whole.starts
 
 
-# --- a real run that cannot converge -------------------------------------------------------------
+def test_what_is_known_is_said_on_the_way_back():
+    newton = FakeNewton()
+    drive(newton, [0.25, 0.5, 0.75, 1.0], corners=[0.5], path=lambda t: min(t, 1 - t))
+    assert newton.known == [False, False, True, False]  # the first step may have been a jump
+
+
+# --- real runs -----------------------------------------------------------------------------------
+
+
+def test_known_states_need_no_iteration_where_the_tolerance_is_below_rounding(tmp_path):
+    """Rounding errors differ with the number of ranks, and must not decide."""
+    cycle = case(
+        "deap100",
+        mesh__columns=6,
+        program="[{stage: preload, mount: {force: -0.1 N}, steps: 3}, {stage: actuate, terminal:"
+        " {voltage: [0 V, 2 kV, 0 V]}, steps: 8}]",
+        solver__tolerance=1e-12,
+    )
+    rows = dealib.simulate(cycle, tmp_path / "run").history.query("stage == 'actuate'")
+    there, back = rows[rows["time_s"] <= 1.5], rows[rows["time_s"] > 1.5]
+    there, back = there.set_index("voltage_kV"), back[:-1].set_index("voltage_kV")
+    assert (there["newton_iterations"] > 0).all()
+    assert len(back) >= 3
+    assert (back["newton_iterations"] == 0).all()
+    column = "displacement_mm"
+    assert back[column].to_numpy() == pytest.approx(there.loc[back.index, column].to_numpy())
 
 
 def test_beyond_pull_in_the_converged_steps_are_kept(tmp_path):

@@ -90,7 +90,7 @@ class Newton:
         self._judge = Judge(self.system)
         self._most = _iterations(problem.config)
         self._logged = factorisation_seconds()
-        self._size, self._again = math.inf, False
+        self._size, self._again, self._known = math.inf, False, False
 
     def restart(self) -> None:
         """Start anew with the current numbers of the problem (see `Reuse`)."""
@@ -99,17 +99,20 @@ class Newton:
         self.system.restart(timings)
         self._start(timings)
 
-    def solve(self) -> int:
+    def solve(self, known: bool = False) -> int:
         """Solve from the current q; returns the number of iterations.
 
         If an iteration reduces the residual strongly, its tangent is used again for corrections, at
         a sixth of the cost, as long as they converge. Corrections are not counted.
 
+        Args:
+            known: Whether q was found before under the same equations (see `Judge.met`).
+
         Raises:
             NotConverged: With the reason; q is then meaningless.
         """
         free(self.system.map.comm)
-        self.iterations, self._size, self._again = 0, math.inf, False
+        self.iterations, self._size, self._again, self._known = 0, math.inf, False, known
         try:
             self._snes.solve(None, self.system.q)
         except PETSc.Error as error:
@@ -122,12 +125,12 @@ class Newton:
         self.total += self.iterations
         reason = self._snes.getConvergedReason()
         if reason < 0:
-            known = {
+            reasons = {
                 Reason.DIVERGED_MAX_IT: "no convergence within the iterations allowed",
                 DIVERGED_NAN: "an element is inverted, or a law has no energy there",
                 Reason.DIVERGED_LINEAR_SOLVE: _STALLED if self.iterative else _SINGULAR,
             }
-            raise NotConverged(self._judge.told(known.get(reason, f"SNES reason {reason}")))
+            raise NotConverged(self._judge.told(reasons.get(reason, f"SNES reason {reason}")))
         if self.system.problem.locked():
             raise NotConverged("a law locks: it is stretched to 99 % of its limit")
         return self.iterations
@@ -282,7 +285,8 @@ class Newton:
             self.system.q.axpy(1.0, self._snes.getSolutionUpdate())
             self._residual(None, self.system.q, self.system.residual_vector)
             size = self._judge.size(self.iterations)
-        met = self._judge.met(self._snes.getSolutionUpdate() if iteration > 0 else None)
+        step = self._snes.getSolutionUpdate() if iteration > 0 else None
+        met = self._judge.met(step, self._known and step is None)
         self._size, self._again = size, iteration > 0 and size <= _REUSE * before
         if met and not (self._again and size > _SURE and before > 1):
             return Reason.CONVERGED_FNORM_ABS

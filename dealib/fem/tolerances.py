@@ -93,7 +93,7 @@ class Judge:
     def _worst_field(self) -> float:
         return float((self._norms / self._tolerances.fields).max())
 
-    def met(self, step: Any) -> bool:
+    def met(self, step: Any, known: bool = False) -> bool:
         """Whether every field and every port is within its tolerance.
 
         Near incompressibility the residual cannot fall below its own rounding error, of the order
@@ -101,13 +101,17 @@ class Judge:
 
         Args:
             step: Newton's last step; None before the first.
+            known: Whether the state was accepted before under the same equations, so that a step
+                would only repeat rounding errors.
         """
         if not self._worst_port <= 1:
             return False
         if self._worst_field <= 1:
             return True
-        if step is None or not self._worst_field <= _ROUNDING:
+        if not self._worst_field <= _ROUNDING or (step is None and not known):
             return False
+        if known:
+            return True
         return bool((self._system.field_norms(step) <= self._tolerances.steps).all())
 
     def told(self, what: str) -> str:

@@ -213,7 +213,7 @@ class Increments:
         if guess is not None:
             guess.copy(q)
             try:
-                self.newton.solve()
+                self.newton.solve(self.predictor.returned)
                 return
             except Singular:
                 raise

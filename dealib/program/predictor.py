@@ -57,6 +57,7 @@ class Predictor:
         path: Known states, oldest first.
         segment: Number of known states from the last corner on.
         back: Index in `path` of the state that the way back reached; None if not on a way back.
+        returned: Whether the last guess is a state of the path.
     """
 
     highest: int = 7
@@ -65,17 +66,17 @@ class Predictor:
     path: list[Known] = field(default_factory=list)
     segment: int = 0
     back: int | None = None
-    _returned: bool = False
+    returned: bool = False
     _order: int = 1
 
     def add(self, at: float, inputs: tuple[Any, ...], q: Any, rate: Any = None) -> None:
         """Remember a converged state, and its rate if that is known."""
         known = Known(at, inputs, q.copy(), rate=rate)
-        if self._returned:  # as smooth as on the way there
+        if self.returned:  # as smooth as on the way there
             known.smooth = self.path[(self.back or 0) + 1].smooth
         else:
             known.smooth = self._judge(at, q)
-        self._returned = False
+        self.returned = False
         self.path.append(known)
         self.segment += 1
         for older in self.path[: -(self.highest + 1) // 2]:
@@ -104,7 +105,7 @@ class Predictor:
 
     def predict(self, at: float, inputs: tuple[Any, ...]) -> Any:
         """A guess of the state at a time; None if there is none better than the last state."""
-        self._returned = False
+        self.returned = False
         if self.highest == 0 or not self.path:
             return None
         return self._recall(inputs) or self._extrapolate(at, self._order)
@@ -139,7 +140,7 @@ class Predictor:
             self.back = None
             return None
         self.back -= 1
-        self._returned = True
+        self.returned = True
         return self.path[self.back].q
 
     def _judge(self, at: float, q: Any) -> bool:
