@@ -12,7 +12,8 @@ from typing import Any, ClassVar, Protocol
 
 import ufl
 
-from dealib.fem.energies import Energy, IdealDielectric, Point
+from dealib.fem.energies import Energy, IdealDielectric
+from dealib.fem.integrals import Integrals
 
 FILM, FACES = "film", ("film_top", "film_bottom")  # of annular strips; loads work for them only
 
@@ -21,12 +22,8 @@ class Body(Protocol):
     """The part of a problem that couplings use."""
 
     @property
-    def point(self) -> Point:
-        """A point inside."""
-
-    @property
-    def face(self) -> Point:
-        """A point on a face."""
+    def integrals(self) -> Integrals:
+        """Its integrals and points."""
 
     @property
     def state(self) -> Any:
@@ -42,12 +39,6 @@ class Body(Protocol):
 
     def first(self, energies: list[Energy], test: Any) -> Any:
         """First variation of a sum of energies."""
-
-    def over(self, group: str, density: Any) -> Any:
-        """Integral over a group of regions."""
-
-    def over_face(self, name: str, density: Any, *regions: str) -> Any:
-        """Integral over a boundary on the side of some regions."""
 
 
 class Coupling(Protocol):
@@ -113,10 +104,11 @@ def maxwell_traction(problem: Body, v: Any) -> Any:
     of the electrode.
     """
     F, e, eps = _film_field(problem)
-    n_da = -ufl.det(F) * ufl.inv(F).T * problem.face.N  # Nanson, per dA; N points out of the film
+    N = problem.integrals.face.N  # out of the film
+    n_da = -ufl.det(F) * ufl.inv(F).T * N  # Nanson, per dA
     traction = eps * (ufl.dot(e, n_da) * e - ufl.dot(e, e) / 2 * n_da)
     work = traction[0] * v[0] + traction[1] * v[1]
-    return sum(problem.over_face(face, work, FILM) for face in FACES)
+    return sum(problem.integrals.over_face(face, work, FILM) for face in FACES)
 
 
 def pelrine(problem: Body, v: Any) -> Any:
@@ -137,7 +129,7 @@ def pelrine_undeformed(problem: Body, v: Any) -> Any:
     It does not grow as the film thins, and has no potential.
     """
     F, _, eps = _film_field(problem)
-    E = problem.point.E
+    E = problem.integrals.point.E
     across = ufl.inv(F).T * ufl.as_vector([0, 1, 0])  # the film lies flat in the mesh
     normal = across / ufl.sqrt(ufl.dot(across, across))
     return _stress_across(problem, v, eps * ufl.dot(E, E), normal)
@@ -145,15 +137,16 @@ def pelrine_undeformed(problem: Body, v: Any) -> Any:
 
 def _stress_across(problem: Body, v: Any, factor: Any, e: Any) -> Any:
     """Virtual work of the true stress -factor e (x) e in the film."""
-    F, w = problem.point.F, problem.state
+    F, w = problem.integrals.point.F, problem.state
     stress = -factor * ufl.det(F) * ufl.outer(e, ufl.inv(F) * e)  # Piola, mesh area
     direction = ufl.as_vector([v[0], v[1], *(0 for _ in range(2, len(w)))])
-    return problem.over(FILM, ufl.inner(stress, ufl.derivative(F, w, direction)))
+    return problem.integrals.over(FILM, ufl.inner(stress, ufl.derivative(F, w, direction)))
 
 
 def _film_field(problem: Body) -> tuple[Any, Any, Any]:
     """Deformation gradient, true field, and the film's permittivity."""
-    F, E = problem.point.F, problem.point.E
+    point = problem.integrals.point
+    F, E = point.F, point.E
     dielectrics = (part for part in problem.electric if isinstance(part, IdealDielectric))
     (film,) = (part for part in dielectrics if part.on == FILM)
     return F, ufl.inv(F).T * E, film.at(F)

@@ -167,6 +167,11 @@ class Spaces:
     order: int
     pressure_element: Any = None
 
+    @property
+    def degree(self) -> int:
+        """Quadrature degree: 3 x 3 Gauss points on second-order cells, 2 x 2 on first-order."""
+        return 2 * self.order
+
     @cached_property
     def potential(self) -> tuple[Any, Any]:
         """The space of the potential by itself, and its degrees of freedom in the mixed one."""

@@ -88,7 +88,7 @@ def power(problem: Any) -> Any:
     tags = problem.domain.tagged(tuple((name,) for name in sheets)) if sheets else None
     found = []
     for name in names:
-        point = problem.point if name in sheets else problem.face
+        point = problem.integrals.point if name in sheets else problem.integrals.face
         C = point.F.T * point.F
         if name in sheets:
             normal = device.region(name).normal
@@ -107,11 +107,13 @@ def power(problem: Any) -> Any:
                 "dx",
                 domain=problem.domain.mesh,
                 subdomain_data=tags,
-                metadata={"quadrature_degree": problem.degree},
+                metadata={"quadrature_degree": problem.spaces.degree},
             )
             found.append(density * k.volume(point.x) * dx(1 + sheets.index(name)))
         else:
-            found.append(problem.over_face(name, density, *(r.name for r in device.solids)))
+            found.append(
+                problem.integrals.over_face(name, density, *(r.name for r in device.solids))
+            )
     return sum(found[1:], found[0])
 
 

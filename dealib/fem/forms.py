@@ -117,9 +117,9 @@ def _locked(problem: Problem) -> Any:
     """Mesh area in which a law is stretched to the share `locking` of its limit."""
     return sum(
         ufl.conditional(
-            ufl.ge(part.extension(problem.point_of(part.on)), problem.locking), 1.0, 0.0
+            ufl.ge(part.extension(problem.integrals.point_of(part.on)), problem.locking), 1.0, 0.0
         )
-        * problem.measure(part.on)
+        * problem.integrals.measure(part.on)
         for part in problem.solids
         if part.law.locks
     )
@@ -127,7 +127,9 @@ def _locked(problem: Problem) -> Any:
 
 def _mounted(problem: Problem, density: Any = 1.0) -> Any:
     """Integral over the mounted volume of all materials."""
-    return sum(problem.over(group.name, density) for group in problem.groups if group.material)
+    return sum(
+        problem.integrals.over(group.name, density) for group in problem.groups if group.material
+    )
 
 
 def _product(problem: Problem) -> Any:
@@ -144,7 +146,7 @@ def _mass(name: str, problem: Problem) -> Any:
     factor = problem.rate_factor if name == "mass along" else 1.0
     product = factor * ufl.dot(ufl.split(moved)[0], test)
     return sum(
-        problem.over(g.name, problem.density[g.material] * product / _pre_volume(g))
+        problem.integrals.over(g.name, problem.density[g.material] * product / _pre_volume(g))
         for g in problem.groups
         if g.material
     )

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 from mpi4py import MPI
@@ -19,14 +19,13 @@ from dealib.config.schema import Config
 from dealib.device.device import Device
 from dealib.device.kinematics import Kinematics
 from dealib.fem import compat
-from dealib.fem.chambers import ChamberPressure, sides
+from dealib.fem.chambers import ChamberPressure
 from dealib.fem.constraints import ConstraintMap
 from dealib.fem.couplings import Coupling
 from dealib.fem.domain import Domain, Spaces
 from dealib.fem.energies import (
     Energy,
     Hyperelastic,
-    Point,
     density,
     first_variation,
     in_plane,
@@ -34,7 +33,8 @@ from dealib.fem.energies import (
 )
 from dealib.fem.forms import ufl_form
 from dealib.fem.groups import Group, Sheet
-from dealib.fem.sheet import SheetModel, sheet_faces
+from dealib.fem.integrals import Integrals
+from dealib.fem.sheet import SheetModel
 from dealib.materials import thickness_stretch
 from dealib.units import EPSILON_0
 
@@ -98,10 +98,10 @@ class Problem:
         """Its space."""
         return self.device.kinematics
 
-    @property
-    def degree(self) -> int:
-        """Quadrature degree (see `quadrature_degree`)."""
-        return quadrature_degree(self.spaces.order)
+    @cached_property
+    def integrals(self) -> Integrals:
+        """Makes its integrals."""
+        return Integrals(self.domain, self.spaces, self.groups)
 
     @property
     def state(self) -> Any:
@@ -133,35 +133,12 @@ class Problem:
         """The layers of a sheet."""
         return [(group, group.sheet) for group in self.groups if group.sheet is not None]
 
-    def point_of(self, group: str) -> Point:
-        """The point at which energies of a group are evaluated."""
-        sheet = self._group(group).sheet
-        return self.point if sheet is None else sheet.point
-
-    def _group(self, name: str) -> Group:
-        return next(g for g in self.groups if g.name == name)
-
-    @cached_property
-    def point(self) -> Point:
-        """A point of the current state inside the body."""
-        u, phi = ufl.split(self.spaces.w)[:2]
-        x, k = ufl.SpatialCoordinate(self.domain.mesh), self.kinematics
-        F, E = k.deformation_gradient(u, x), k.nominal_field(phi)
-        return Point(x, u, F, E, principal=k.dim == 2)
-
-    @cached_property
-    def face(self) -> Point:
-        """A point of the current state on a face, its normal out of the cell."""
-        N = self.kinematics.vector(ufl.FacetNormal(self.domain.mesh))
-        p = self.point
-        return replace(p, N=N, area=ufl.det(p.F) * ufl.inv(p.F).T * N)
-
     @cached_property
     def data(self) -> tuple[list[Any], list[Any]]:
         """Constants and functions in its equations, in the order of their creation."""
         x = ufl.SpatialCoordinate(self.domain.mesh)
         equations = [self.densities(group)[2] for group in self.groups]
-        equations += [density(e, self.point_of(e.on)) for e in self.mesh_motion]
+        equations += [density(e, self.integrals.point_of(e.on)) for e in self.mesh_motion]
         equations += [self.load_of(port) for port, _ in self.loads]
         equations += [self.domain.symbolic.volume(x), ufl_form(self, "residual")]
         constants = {c.count(): c for e in equations for c in extract_constants(e)}
@@ -185,93 +162,18 @@ class Problem:
         # others may have been compiled for a thickness
         self._forms = {n: f for n, f in self._forms.items() if n.split(" ")[0] in _OF_CONSTANTS}
 
-    # --- integrals -------------------------------------------------------------------------------
-
-    @cached_property
-    def _places(self) -> tuple[tuple[str, ...], ...]:
-        """Cells of the groups by name: their regions, in sheets their part of the base."""
-        found = [g.regions if g.sheet is None else (g.sheet.area,) for g in self.groups]
-        return tuple(dict.fromkeys(found))
-
-    @cached_property
-    def _tags(self) -> Any:
-        return self.domain.tagged(self._places)
-
-    @property
-    def everywhere(self) -> Any:
-        """Integration over all cells; dolfinx 0.9 wants the same tags in all parts of a form."""
-        return self._measure("dx", self._tags)
-
-    def measure(self, group: str) -> Any:
-        """Integration over a group of regions."""
-        found = self._group(group)
-        place = found.regions if found.sheet is None else (found.sheet.area,)
-        return self._measure("dx", self._tags)(1 + self._places.index(place))
-
-    def over(self, group: str, density: Any) -> Any:
-        """Integral over a group of regions of a density per mesh volume, of the whole device."""
-        sheet = self._group(group).sheet
-        size = self.domain.symbolic.volume(self.point_of(group).x) * (
-            1.0 if sheet is None else sheet.thickness
-        )
-        return density * size * self.measure(group)
-
-    def over_face(self, name: str, density: Any, *regions: str) -> Any:
-        """Integral over a boundary of a density at `face`, on the side of some regions.
-
-        Args:
-            name: Name of the boundary.
-            density: Density per mesh area.
-            regions: Regions whose side counts where facets lie inside the mesh; between two such
-                regions it is the mean of both sides.
-        """
-        density = density * self.domain.symbolic.volume(self.point.x)
-        tags = tuple(tag for _, tag in self.domain.tags(name))
-        if sides(self.domain, name) == 1:
-            return density * self._measure("ds", self.domain.facet_tags)(tags)
-        mesh = self.domain.mesh
-        V = compat.functionspace(mesh, compat.element(mesh, "DG", 0))
-        chi = fem.Function(V, name="indicator")
-        chi.x.array[compat.cell_dofs(V)[self.domain.cells(*regions), 0]] = 1.0
-        both = chi("+") * density("+") + chi("-") * density("-")
-        return both / (chi("+") + chi("-")) * self._measure("dS", self.domain.facet_tags)(tags)
-
-    def _measure(self, sort: str, tags: Any) -> Any:
-        return ufl.Measure(
-            sort,
-            domain=self.domain.mesh,
-            subdomain_data=tags,
-            metadata={"quadrature_degree": self.degree},
-        )
-
     def potential(self, energies: list[Energy]) -> Any:
         """Sum of energies over their regions, in mJ."""
-        return _sum(self.over(e.on, density(e, self.point_of(e.on))) for e in energies)
+        return self.integrals.total(energies, density)
 
     def load_of(self, port: str, derive: bool = False) -> Any:
         """Energies of the faces that a port loads, or their derivative by its value; 0 if none."""
         found = []
         for energy in (e for name, e in self.loads if name == port):
-            for place, point in self._faces(energy.on):
+            for place, point in self.integrals.faces(energy.on):
                 work = energy.density(point)
                 found.append(place(ufl.diff(work, self.values[port]) if derive else work))
         return sum(found)
-
-    def _faces(self, name: str) -> Iterator[tuple[Callable[[Any], Any], Point]]:
-        """Functions that integrate over a face, and points on it."""
-        if not self.kinematics.sheet:
-            yield partial(self._on_face, name), self.face
-            return
-        for area, point in sheet_faces(self.domain, self.spaces.w, name):
-            tag = 1 + self._places.index((area,))
-            size = self.domain.symbolic.volume(ufl.SpatialCoordinate(self.domain.mesh))
-            yield partial(self._on_sheet, size, tag), point
-
-    def _on_face(self, name: str, density: Any) -> Any:
-        return self.over_face(name, density, *(region.name for region in self.device.solids))
-
-    def _on_sheet(self, size: Any, tag: int, density: Any) -> Any:
-        return density * size * self._measure("dx", self._tags)(tag)
 
     # --- forms -----------------------------------------------------------------------------------
 
@@ -299,23 +201,21 @@ class Problem:
         """First variation of the sum of energies."""
         if self.sheet is not None:
             return self.sheet.first(test)
-        return _sum(
-            self.over(e.on, first_variation(e, self.point_of(e.on), self.state, test))
-            for e in energies
+        return self.integrals.total(
+            energies, lambda e, point: first_variation(e, point, self.state, test)
         )
 
     def second(self, energies: list[Energy], test: Any, trial: Any) -> Any:
         """Second variation of the sum of energies."""
         if self.sheet is not None:
             return self.sheet.second(test, trial)
-        return _sum(
-            self.over(e.on, second_variation(e, self.point_of(e.on), self.state, test, trial))
-            for e in energies
+        return self.integrals.total(
+            energies, lambda e, point: second_variation(e, point, self.state, test, trial)
         )
 
     def densities(self, group: Group) -> tuple[Any, Any, Any]:
         """Energy densities of a group: elastic without branches, electric, and the sum of all."""
-        point = self.point_of(group.name)
+        point = self.integrals.point_of(group.name)
         parts = [
             [density(e, point) for e in energies if e.on == group.name]
             for energies in (self.elastic, self.electric, self.branches)
@@ -401,13 +301,3 @@ _OF_CONSTANTS = (
     *("elastic", "electric", "residual", "tangent", "along", "field", "mesh_residual"),
     *("mesh_tangent", "dual", "column", "corner"),
 )  # forms whose numbers are all constants
-
-
-def quadrature_degree(order: int) -> int:
-    """Quadrature degree: 3 x 3 Gauss points on second-order cells, 2 x 2 on first-order."""
-    return 2 * order
-
-
-def _sum(terms: Iterable[Any]) -> Any:
-    first, *others = terms
-    return sum(others, first)

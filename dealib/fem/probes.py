@@ -100,7 +100,7 @@ class Probes:
         domain = self._problem.domain
         dim, entities = domain.entities(probe.on)
         if dim == domain.dim:
-            points, weights = compat.quadrature(domain.mesh, self._problem.degree)
+            points, weights = compat.quadrature(domain.mesh, self._problem.spaces.degree)
             return self._over(domain.owned(entities), points, weights, probe.on)
         return self._on_facets(entities)
 
@@ -169,7 +169,7 @@ class Probes:
         found = []
         for side, cells in chosen.items():
             points, weights, tangents = compat.facet_quadrature(
-                domain.mesh, side, self._problem.degree
+                domain.mesh, side, self._problem.spaces.degree
             )
             for group, material, mine in self._group_of(np.array(cells)):
                 nodes = self._layout.nodes[mine]

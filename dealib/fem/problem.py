@@ -32,12 +32,12 @@ from dealib.fem.energies import (
     parameters,
 )
 from dealib.fem.groups import Group, sheet_groups, solid_groups
-from dealib.fem.potential import Problem, quadrature_degree
+from dealib.fem.potential import Problem
 from dealib.fem.sheet import SheetModel
 from dealib.fem.sheet_layer import equip
 from dealib.units import EPSILON_0
 
-__all__ = ["Problem", "build_problem", "problem_on", "quadrature_degree"]
+__all__ = ["Problem", "build_problem", "problem_on"]
 
 
 def build_problem(config: Config, comm: MPI.Comm, mesh_file: Path | None = None) -> Problem:
@@ -62,7 +62,7 @@ def problem_on(domain: Domain, config: Config, spaces: Spaces | None = None) -> 
     mixed = config.physics.formulation == "mixed"
     spaces = spaces or build_spaces(domain, config.mesh.order, mixed)
     mesh, sheet = domain.mesh, domain.device.kinematics.sheet
-    degree = quadrature_degree(spaces.order)
+    degree = spaces.degree
     groups = groups_of(domain, config)
     count = _networks(config)
     slots = 1 + max(group.slot for group in groups)
@@ -99,7 +99,8 @@ def problem_on(domain: Domain, config: Config, spaces: Spaces | None = None) -> 
     if sheet:
         volts = {port.name: parts.values[port.name] for port in domain.device.of(TERMINAL)}
         problem.sheet = SheetModel(
-            *(domain, spaces, groups, problem.densities, volts, degree, problem.everywhere),
+            *(domain, spaces, groups, problem.densities, volts, degree),
+            problem.integrals.everywhere,
             _slack(config, groups),
         )
     return problem

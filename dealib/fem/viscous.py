@@ -37,7 +37,7 @@ class Viscosity:
     def __init__(self, problem: Problem, layout: Layout) -> None:
         self._problem, self._layout = problem, layout
         self._mesh, self._terms = problem.domain.mesh, problem.terms
-        self._points, weights = compat.quadrature(self._mesh, problem.degree)
+        self._points, weights = compat.quadrature(self._mesh, problem.spaces.degree)
         self._size = problem.kinematics.packed
         self._count = max(len(m.networks) for m in problem.config.solids.values())
         materials = local.region_materials(problem.config)

@@ -109,10 +109,10 @@ def test_a_follower_pressure_on_each_face_is_hydrostatic(monkeypatch):
     def load(problem, v):
         if not pressure:
             pressure.append(constant(problem.domain.mesh, 0.0))
-        face = problem.face
+        face = problem.integrals.face
         n_da = ufl.det(face.F) * ufl.inv(face.F).T * face.N
         work = -pressure[0] * (n_da[0] * v[0] + n_da[1] * v[1])
-        return sum(problem.over_face(name, work) for name in couplings.FACES)
+        return sum(problem.integrals.over_face(name, work) for name in couplings.FACES)
 
     monkeypatch.setitem(couplings.COUPLINGS, "pelrine", couplings.Loaded(load))
     changes = INCOMPRESSIBLE | {
