@@ -14,6 +14,7 @@ from laminates import FILM, config, layer
 from test_pictures import changed, simulated
 from test_report import browse
 
+from dealib.plots import views
 from dealib.plots.shape import Shape
 from dealib.plots.surface import patches
 from dealib.report import figures, page, space
@@ -134,7 +135,9 @@ def test_the_data_are_those_of_the_run(which, request):
     assert len(found["labels"]) == len(run.stored_steps) == 4
     assert found["start"] == 3
     assert found["labels"][3].endswith("V = 2 kV")
-    film, cover = found["parts"]
+    film, cover, *held = found["parts"]
+    assert [part["plain"] for part in held] == [views.RIGID] * (which == "ring")
+    assert all(not patch["values"] for part in held for patch in part["patches"])
     assert [film["conductor"], cover["conductor"]] == [False, True]
     assert "E" in film["patches"][0]["values"]
     assert "E" not in cover["patches"][0]["values"]  # plain
@@ -231,13 +234,13 @@ def test_the_slider_and_the_menu_move_the_view(plate, tmp_path, monkeypatch):
     assert shown, found.stderr
     start, last, first_seen, then_seen, label = json.loads(html.unescape(shown[1]))
     assert (start, last) == ("3", "3")
-    film, cover = first_seen
+    film, cover, _ = first_seen  # without wrinkles no line is drawn
     end = Shape(plate, 3)
     E = quantity("E", end.kinematics)
     assert film[4] == pytest.approx(np.nanmax(end.values(E)), rel=1e-4)
     assert cover[4] is None
     assert cover[0]
-    film, cover = then_seen
+    film, cover, _ = then_seen
     assert film[1:] == [film[1], pytest.approx(-0.35, abs=1e-4), pytest.approx(0.15, abs=1e-4),
                         pytest.approx(0, abs=1e-6)]  # fmt: skip
     assert not cover[0]

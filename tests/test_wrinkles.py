@@ -1,5 +1,7 @@
 """Wrinkles of a tension field as fields and pictures: a pushed annulus whose crests are radial."""
 
+import base64
+
 import numpy as np
 import pytest
 from laminates import FILM, config, layer
@@ -8,7 +10,8 @@ from test_pictures import changed, simulated, titles
 import dealib
 from dealib.plots import crests, style, views
 from dealib.plots.shape import Shape
-from dealib.report import figures
+from dealib.plots.surface import blocks
+from dealib.report import figures, space
 from dealib.results.quantities import quantity
 
 PROGRAM = [
@@ -60,18 +63,20 @@ def test_lines_are_drawn_on_the_crests(line, whole):
     for run in (line, whole):
         shape = Shape(run)
         assert crests.lines(shape, quantity("u", shape.kinematics)) == []
-        found = crests.lines(shape, quantity("wrinkling", shape.kinematics))
-        assert len(found) == (1 if shape.solid else 34)  # every 8 degrees of 270
-        assert {colour for _, colour in found} == {"#d55e00"}
-        for tubes, _ in found[::9]:
-            ends = np.asarray(tubes.points).reshape(-1, 2, 20, 3).mean(axis=2)  # of twenty sides
-            along, centre = ends[:, 1] - ends[:, 0], ends.mean(axis=1)
-            assert np.linalg.norm(along, axis=1) == pytest.approx(0.8 * 20 / 24, rel=1e-2)
-            R = np.linalg.norm(centre[:, :2], axis=1)
-            assert ((R > 5.9) & (R < 10.1)).all()
-            around = (along[:, 1] * centre[:, 0] - along[:, 0] * centre[:, 1]) / R
-            assert np.abs(around).max() < 0.02
-            assert len(R) == pytest.approx(289 if shape.solid else 6, abs=30 if shape.solid else 0)
+        ((tubes, colour),) = crests.lines(shape, quantity("wrinkling", shape.kinematics))
+        assert colour == "#d55e00"
+        ends, size = crests.strokes(shape)
+        assert size == pytest.approx(20, rel=1e-2)
+        drawn = np.asarray(tubes.points).reshape(-1, 2, 20, 3).mean(axis=2)  # of twenty sides
+        assert drawn == pytest.approx(ends, abs=1e-4)
+        along, centre = ends[:, 1] - ends[:, 0], ends.mean(axis=1)
+        assert np.linalg.norm(along, axis=1) == pytest.approx(0.8 * 20 / 24, rel=1e-2)
+        R = np.linalg.norm(centre[:, :2], axis=1)
+        assert ((R > 5.9) & (R < 10.1)).all()
+        around = (along[:, 1] * centre[:, 0] - along[:, 0] * centre[:, 1]) / R
+        assert np.abs(around).max() < 0.02
+        # of a section six lines, every 8 degrees of 270
+        assert len(R) == pytest.approx(289 if shape.solid else 6 * 34, abs=30 * shape.solid)
     what = quantity("wrinkling", Shape(line).kinematics)
     area = line.history["wrinkled_area_mm2"].iloc[-1]
     assert area == pytest.approx(np.pi * 64, rel=1e-3)
@@ -95,3 +100,25 @@ def test_they_are_in_the_pictures_and_the_report(line, whole):
                 assert titles(figure)[0].endswith("mm² wrinkled, lines on the crests")
     assert "wrinkling" in figures.pictures(line)[0]
     assert [q.name for q in figures.turned(line)] == ["E", "wrinkling", "S_RR", "S_ZZ", "u"]
+
+
+def test_the_interactive_view_has_them_and_what_holds_the_film(line, whole):
+    for run in (line, whole):
+        shape = Shape(run)
+        data = space.view(run, figures.turned(run))
+        lines = data["crests"]
+        assert lines["name"] == "wrinkling"
+        low, high = np.array(lines["ends"])
+        numbers = np.frombuffer(base64.b64decode(lines["steps"][-1]), "<u2").reshape(-1, 2, 3)
+        found = low + (high - low) * numbers / 65535
+        assert found == pytest.approx(crests.strokes(shape)[0], abs=1e-3)
+        *_, last = data["parts"]
+        assert (last["plain"] == views.RIGID) == (not shape.solid)
+    inner, outer = blocks(Shape(line), 2.0)
+    assert inner[:, 0] == pytest.approx([0, 6, 6, 0], abs=1e-4)
+    assert outer[:, 0] == pytest.approx([10, 11, 11, 10])
+    z = inner[:, 1].mean(), outer[:, 1].mean()
+    assert z == (pytest.approx(-3, abs=1e-6), pytest.approx(0, abs=1e-6))
+    assert np.ptp(inner[:, 1]) == pytest.approx(2 * 2 * 0.1, rel=1e-2)
+    rest = space.view(whole, [quantity("u", shape.kinematics)])
+    assert rest["crests"] is None

@@ -14,7 +14,7 @@ from dealib.results.quantities import Quantity
 
 TURN = 270.0  # degrees by which a section is turned to a body of revolution
 _STEP = 30.0  # degrees by which each layer is turned less than the one below it, at most
-_COLOUR = "#d55e00"
+COLOUR = "#d55e00"  # of the lines
 _LINES = 24  # number of lines along the device
 _LEAST = 0.02  # share of the largest wrinkling below which no line is drawn
 
@@ -33,8 +33,23 @@ def note(shape: Shape, what: Quantity, factor: float) -> str:
 
 def lines(shape: Shape, what: Quantity) -> list[tuple[Any, str]]:
     """Short lines along the crests with their colour, if the quantity is wrinkling."""
+    import pyvista as pv
+
     if what.field != "wrinkling":
         return []
+    ends, size = strokes(shape)
+    count = len(ends)
+    pairs = np.column_stack([np.full(count, 2), np.arange(2 * count).reshape(-1, 2)])
+    drawn = pv.PolyData(ends.reshape(-1, 3), lines=pairs.ravel())
+    return [(drawn.tube(radius=0.035 * size / _LINES, capping=False), COLOUR)]
+
+
+def strokes(shape: Shape) -> tuple[Array, float]:
+    """Ends of short lines along the crests of wrinkles, in space (lines, 2, 3), mm.
+
+    Returns:
+        The ends, and the size of the whole device, mm.
+    """
     if not shape.solid:
         shape = Shape(shape.run, shape.step, n=2)  # points at nodes only, since crests have no sign
     x, crest = shape.moved(magnification(shape)), shape.arrays["crest"]
@@ -49,8 +64,10 @@ def lines(shape: Shape, what: Quantity) -> list[tuple[Any, str]]:
     size = float(max(np.ptp(np.concatenate([x @ m[:, : x.shape[1]].T for m in copies]), axis=0)))
     spots = np.round(shape.points[where] * _LINES / size)
     where = where[np.unique(spots, axis=0, return_index=True)[1]]
-    centre, along = x[where], crest[where] / share[where, None]
-    return [(_strokes(centre @ m[:, : x.shape[1]].T, along @ m.T, size), _COLOUR) for m in copies]
+    half = 0.4 * size / _LINES * crest[where] / share[where, None]
+    centre = np.concatenate([x[where] @ m[:, : x.shape[1]].T for m in copies])
+    along = np.concatenate([half @ m.T for m in copies])
+    return np.stack([centre - along, centre + along], axis=1), size
 
 
 def _turns(shape: Shape) -> Sequence[Array]:
@@ -59,13 +76,3 @@ def _turns(shape: Shape) -> Sequence[Array]:
     return [
         np.array([[np.cos(a), 0, -np.sin(a)], [np.sin(a), 0, np.cos(a)], [0, 1, 0]]) for a in angles
     ]
-
-
-def _strokes(centre: Array, along: Array, size: float) -> Any:
-    """Thin tubes about centres, (n, 3), in directions of unit length, (n, 3)."""
-    import pyvista as pv
-
-    half = 0.4 * size / _LINES * along
-    ends = np.stack([centre - half, centre + half], axis=1).reshape(-1, 3)
-    lines = np.column_stack([np.full(len(centre), 2), np.arange(len(ends)).reshape(-1, 2)])
-    return pv.PolyData(ends, lines=lines.ravel()).tube(radius=0.035 * size / _LINES, capping=False)

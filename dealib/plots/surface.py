@@ -115,19 +115,59 @@ def _of_section(shape: Shape, names: Sequence[str], opened: bool, most: int) -> 
     edges = edges[points[edges, 0].max(axis=1) > 1e-9]  # those on the axis sweep nothing
     turn = _TURN / 2 if opened else _TURN
     n = int(np.clip(most // (2 * len(edges)), _FEWEST, _MOST_COPIES))
-    angles = np.linspace(0, turn, n + 1)
-    maps = np.zeros((n + 1, 3, 2))
+    thin = _thinned(points, region, triangles, most // 2)
+    return _turned(edges, thin, turn, n, 2 * (len(triangles) - len(thin)))
+
+
+def blocks(shape: Shape, factor: float) -> list[Array]:
+    """Sections of the mount and of the frame that hold a flat laminate of revolution.
+
+    Args:
+        shape: The device.
+        factor: Magnification of the thickness.
+
+    Returns:
+        The corners of each, (4, 2), counter-clockwise, mm; none for other devices.
+    """
+    device = shape.run.config.device
+    base = None if shape.laminate is None else shape.laminate.base
+    if base is None or base.along != "R" or shape.core is None:
+        return []
+    held = {support.where for support in device.supports if support.quantity == "Z"}
+    R, middle = shape.middle
+    half, width = factor * shape.thickness, 0.1 * R[-1]
+    inner, outer = (1e-6 * R[-1], R[0]), (R[-1], R[-1] + width)
+    found = []
+    for end, (left, right), z in zip(base.ends, (inner, outer), middle[[0, -1], 1], strict=True):
+        if end in held:
+            found.append(
+                np.array([[left, z - half], [right, z - half], [right, z + half], [left, z + half]])
+            )
+    return found
+
+
+def turned_block(first: int) -> list[Patch]:
+    """The surface of a block of four points, from a given index on, turned about the axis."""
+    corners = first + np.arange(4)
+    edges = np.stack([corners, np.roll(corners, -1)], axis=1)
+    return _turned(edges, corners[[[0, 1, 2], [0, 2, 3]]], _TURN, _MOST_COPIES)
+
+
+def _turned(
+    edges: Ints, triangles: Ints, turn: float, copies: int, left_out: int = 0
+) -> list[Patch]:
+    """An outline turned about the axis, and the section at both ends of the turn."""
+    angles = np.linspace(0, turn, copies + 1)
+    maps = np.zeros((copies + 1, 3, 2))
     maps[:, 0, 0], maps[:, 1, 0], maps[:, 2, 1] = np.cos(angles), np.sin(angles), 1
     nodes, corners = np.unique(edges, return_inverse=True)
-    a, b = (len(nodes) * np.arange(n)[:, None] + end for end in corners.reshape(-1, 2).T)
+    a, b = (len(nodes) * np.arange(copies)[:, None] + end for end in corners.reshape(-1, 2).T)
     c, d = b + len(nodes), a + len(nodes)  # the same edge, one angle on
     swept = np.stack([a, c, b, a, d, c], axis=-1).reshape(-1, 3)
-    thin = _thinned(points, region, triangles, most // 2)
-    inside, corners = np.unique(thin, return_inverse=True)
+    inside, corners = np.unique(triangles, return_inverse=True)
     corners = corners.reshape(-1, 3)
     caps = np.concatenate([corners, corners[:, ::-1] + len(inside)])
-    lost = 2 * (len(triangles) - len(thin))
-    return [Patch(nodes, maps, swept), Patch(inside, maps[[0, -1]], caps, lost)]
+    return [Patch(nodes, maps, swept), Patch(inside, maps[[0, -1]], caps, left_out)]
 
 
 def _thinned(points: Array, region: Ints, triangles: Ints, most: int) -> Ints:

@@ -15,12 +15,13 @@ from dealib.plots.labels import plain
 from dealib.plots.render import PIXELS, Bodies, check_rendering, picture
 from dealib.plots.shape import Shape
 from dealib.plots.style import Theme
+from dealib.plots.surface import blocks
 from dealib.results.elements import Array
 from dealib.results.quantities import Quantity
 from dealib.results.sampling import Sampler
 
 _PLAIN_ANGLE = 60.0  # degrees by which layers without values are turned, to show those below
-CONDUCTORS, _RIGID = "#3b3f52", "#8a939d"  # layers without a field; mount and frame
+CONDUCTORS, RIGID = "#3b3f52", "#8a939d"  # layers without a field; mount and frame
 
 
 def draw_field(shape: Shape, what: Quantity, look: Theme) -> Any:
@@ -189,23 +190,9 @@ def _turned(shape: Shape, values: Array) -> Bodies:
         seen = seen or not empty
         body = _revolve(moved[own], part.triangles, values[own], angle)
         found.append((body, CONDUCTORS if empty else ""))
-    device = shape.run.config.device
-    base = None if shape.laminate is None else shape.laminate.base
-    if base is None or base.along != "R" or shape.core is None:
-        return found
-    held = {support.where for support in device.supports if support.quantity == "Z"}
-    R, middle = shape.middle
-    half, width = factor * shape.thickness, 0.1 * R[-1]
-    for end, left, right, z in (
-        (base.ends[0], 1e-6 * R[-1], R[0], middle[0, 1]),
-        (base.ends[1], R[-1], R[-1] + width, middle[-1, 1]),
-    ):
-        if end in held:
-            corners = np.array(
-                [[left, z - half], [right, z - half], [right, z + half], [left, z + half]]
-            )
-            rigid = _revolve(corners, np.array([[0, 1, 2], [0, 2, 3]]), np.zeros(4), TURN)
-            found.append((rigid, _RIGID))
+    for corners in blocks(shape, factor):
+        rigid = _revolve(corners, np.array([[0, 1, 2], [0, 2, 3]]), np.zeros(4), TURN)
+        found.append((rigid, RIGID))
     return found
 
 

@@ -53,6 +53,20 @@
       colorbar: {title: {text: quantity.unit}, thickness: 14, len: 0.8}};
   }
 
+  function crests(step, quantity) {
+    const [x, y, z] = [[], [], []], lines = data.crests;
+    if (lines && lines.name === quantity.name) {
+      const read = [x, y, z].map((_, k) => between([lines.ends[0][k], lines.ends[1][k]]));
+      new Uint16Array(bytes(lines.steps[step])).forEach((value, at) => {
+        const to = [x, y, z][at % 3];
+        to.push(read[at % 3](value));
+        if (at % 6 > 2) to.push(null);  // a line ends
+      });
+    }
+    return {type: "scatter3d", mode: "lines", x, y, z, hoverinfo: "skip",
+      line: {color: lines?.colour, width: 3}};
+  }
+
   function draw() {
     const step = Number(slider.value), quantity = data.quantities[menu.selectedIndex];
     const style = getComputedStyle(document.body), ink = style.color;
@@ -60,7 +74,8 @@
       nticks: Math.round(2 + 6 * sizes[k]),
       backgroundcolor: "rgba(0,0,0,0)", gridcolor: "rgba(128,128,128,0.35)", color: ink});
     id("space-label").textContent = data.labels[step];
-    Plotly.react(plot, data.parts.map(part => trace(part, step, quantity)), {
+    const traces = data.parts.map(part => trace(part, step, quantity));
+    Plotly.react(plot, [...traces, crests(step, quantity)], {
       uirevision: "kept", margin: {l: 0, r: 0, t: 0, b: 0}, paper_bgcolor: "rgba(0,0,0,0)",
       font: {color: ink, family: style.fontFamily}, showlegend: false,
       scene: {aspectmode: "manual", aspectratio: {x: 2.2 * sizes[0], y: 2.2 * sizes[1], z: 2.2 * sizes[2]},

@@ -12,10 +12,11 @@ from matplotlib.colors import to_hex
 
 from dealib.errors import PlatformError
 from dealib.plots.contours import magnification, scale, scale_note
+from dealib.plots.crests import COLOUR, strokes
 from dealib.plots.shape import Shape, drawn, typical_step
 from dealib.plots.style import LIGHT
-from dealib.plots.surface import Patch, patches
-from dealib.plots.views import CONDUCTORS
+from dealib.plots.surface import Patch, blocks, patches, turned_block
+from dealib.plots.views import CONDUCTORS, RIGID
 from dealib.results.elements import Array
 from dealib.results.quantities import Quantity
 from dealib.results.reader import Run
@@ -59,13 +60,21 @@ def view(run: Run, whats: Sequence[Quantity]) -> dict[str, Any]:
     points = sum(len(patch.nodes) for patch in every)
     bytes_a_step = 2 * 4 / 3 * points * (first.points.shape[1] + len(whats))
     steps = _chosen(run, first.step, int(np.clip(_BYTES // bytes_a_step, 2, _STEPS)))
-    factor, labels, places, values = magnification(first), [], [], []
+    factor, labels, places, values, crests = magnification(first), [], [], [], []
+    wrinkled = next((what for what in whats if what.field == "wrinkling"), None)
     for step in steps:
         shape = _shape(run, step)
         labels.append(shape.when)
-        places.append(shape.moved(factor))
-        values.append([shape.values(what) for what in whats])
+        rigid = blocks(shape, factor) if device.kinematics.revolved else []
+        places.append(np.concatenate([shape.moved(factor), *rigid]))
+        here = np.array([shape.values(what) for what in whats])
+        values.append(np.pad(here, ((0, 0), (0, 4 * len(rigid))), constant_values=np.nan))
+        if wrinkled:
+            crests.append(strokes(shape)[0])
     moved, found = np.array(places), np.array(values)
+    held = [patch for k in range(len(rigid)) for patch in turned_block(len(first.points) + 4 * k)]
+    if held:
+        parts.append((RIGID, held))
     lost = sum(patch.left_out for patch in every)
     left = sum(len(patch.triangles) for patch in every)
     notes = [scale_note(factor).capitalize()]
@@ -79,16 +88,17 @@ def view(run: Run, whats: Sequence[Quantity]) -> dict[str, Any]:
         "start": steps.index(first.step),
         "note": "; ".join(notes).replace(",", " ") + ".",
         "ends": ends.tolist(),
-        "box": _box(every, moved),
+        "box": _box([*every, *held], moved),
         "quantities": [coloured(first, what, found[:, k]) for k, what in enumerate(whats)],
         "parts": [
             {
-                "plain": CONDUCTORS,
-                "conductor": conductor,
+                "plain": colour,
+                "conductor": colour == CONDUCTORS,
                 "patches": [_patch(patch, moved, ends, found, whats) for patch in patches_],
             }
-            for conductor, patches_ in parts
+            for colour, patches_ in parts
         ],
+        "crests": _crests(wrinkled.name, crests) if wrinkled else None,
     }
 
 
@@ -96,8 +106,8 @@ def _shape(run: Run, step: int) -> Shape:
     return Shape(run, step, n=2)
 
 
-def _parts(shape: Shape, whats: Sequence[Quantity]) -> list[tuple[bool, list[Patch]]]:
-    """The surfaces of films and of conductors, each with whether it is of conductors.
+def _parts(shape: Shape, whats: Sequence[Quantity]) -> list[tuple[str, list[Patch]]]:
+    """The surfaces of films and of conductors, each with its colour where it has no values.
 
     Half of the conductors' surface is left out, so that the films below are seen.
     """
@@ -109,7 +119,8 @@ def _parts(shape: Shape, whats: Sequence[Quantity]) -> list[tuple[bool, list[Pat
             continue  # the layers of a sheet lie in one surface
         if names:
             opened = conductor and bool(films)
-            found.append((conductor, patches(shape, names, opened, _TRIANGLES // 2)))
+            colour = CONDUCTORS if conductor else ""
+            found.append((colour, patches(shape, names, opened, _TRIANGLES // 2)))
     return found
 
 
@@ -172,6 +183,16 @@ def _patch(
         "points": _packed(moved[:, patch.nodes], ends[0], ends[1]),
         "values": mine,
     }
+
+
+def _crests(name: str, steps: Sequence[Array]) -> dict[str, Any] | None:
+    """Lines along the crests of wrinkles at all steps, drawn with the quantity of a name."""
+    every = np.concatenate(steps).reshape(-1, 3)
+    if not len(every):
+        return None
+    low, high = every.min(axis=0), every.max(axis=0)
+    packed = [_packed(ends, low, high) for ends in steps]
+    return {"name": name, "colour": COLOUR, "ends": [low.tolist(), high.tolist()], "steps": packed}
 
 
 def _packed(values: Array, low: Any, high: Any) -> str:
