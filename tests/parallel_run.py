@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from mpi4py import MPI
@@ -19,6 +20,7 @@ from dealib.fem.viscous import Viscosity
 from dealib.program import Simulation, State, simulate
 from dealib.results import rows
 
+ENDS = {"force": 6, "bias": 3}  # steps after which runs are ended, and resumed
 PARTS = ("film_top", "film_bottom", "inner", "outer", "film", "top_electrode")
 
 
@@ -51,7 +53,14 @@ class Split:
         before, nodal = x.array.copy(), engine.layout.gather()
         x.array[:] = np.nan
         engine.layout.scatter(nodal)
-        assert np.array_equal(x.array, before)
+        if engine.layout.exact:
+            assert np.array_equal(x.array, before)
+        else:  # a pressure that jumps between cells is averaged at nodes
+            for k in range(2):
+                dofs = np.ravel(engine.problem.spaces.W.sub(k).collapse()[1])
+                assert np.array_equal(x.array[dofs], before[dofs])
+            assert np.isfinite(x.array).all()
+        x.array[:] = before
         if engine.viscosity is not None:
             self.see_memory(engine.viscosity, state.row["dissipated_energy_mJ"])
 
@@ -70,8 +79,33 @@ class Split:
         pass
 
 
+class Enough(Exception):
+    """Ends a run as a kill would."""
+
+
+class End:
+    """An observer that ends a run after a step on all ranks."""
+
+    def __init__(self, step: int) -> None:
+        self.step = step
+
+    def start(self, simulation: Simulation) -> None:
+        pass
+
+    def see(self, state: State) -> None:
+        if state.row["step"] == self.step:
+            raise Enough
+
+    def stop(self, error: BaseException | None) -> None:
+        pass
+
+
 if __name__ == "__main__":
     layout._PIECE = rows.ROOM = 4096  # what small meshes have comes in several pieces, too
     for config in map(Path, sys.argv[2:]):
-        directory = Path(sys.argv[1]) / config.stem
-        simulate(dealib.load(config), directory, observers=[Split(directory)], comm=MPI.COMM_WORLD)
+        directory, ends = Path(sys.argv[1]) / config.stem, ENDS.get(config.stem)
+        given, watch = dealib.load(config), [Split(directory)]
+        if ends is not None:
+            with suppress(Enough):
+                simulate(given, directory, observers=[End(ends)], comm=MPI.COMM_WORLD)
+        simulate(given, directory, observers=watch, comm=MPI.COMM_WORLD, resume=ends is not None)

@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import case
+from parallel_run import ENDS
 
 import dealib
 from dealib.cli import launched
@@ -81,16 +82,16 @@ CASES = {
             " {vary: voltage, along: displacement, until: {displacement: -5.35 mm}}, steps: 6}]",
         },
     ),
-    "thick": (  # by multigrid, with the mount's and the terminal's values unknown
+    "thick": (  # multigrid of all fields, with the mount's and the terminal's values unknown
         "devices/expanding_circle",
         {
             "geometry.base": "{kind: rectangle, length: 8 mm, width: 8 mm}",
             "geometry.space": "3d",
             "geometry.layers": "[{name: film, thickness: 6 mm}]",
-            "mesh": "{columns: 6, sectors: 2, film_rows: 3, grading: uniform}",
-            "materials.film": "{law: neo_hookean, youngs_modulus: 1 MPa,"
+            "mesh": "{columns: 6, sectors: 2, film_rows: 2, grading: uniform}",
+            "materials.film": "{law: neo_hookean, shear_modulus: 0.33 MPa, bulk_modulus: 10 GPa,"
             " relative_permittivity: 3.0}",
-            "physics.formulation": "displacement",
+            "physics.formulation": "mixed",
             "terminals": "{drive: {on: film.top}, ground: {on: film.bottom, ground: true}}",
             "mounts": "{plate: {on: film.top, along: Z, free: [X, Y]}}",
             "holds": "[{on: film.bottom, fix: [X, Y, Z]}]",
@@ -190,6 +191,8 @@ def test_same_history(name, serial, parallel):
     one, other = dealib.open(serial / name), dealib.open(parallel / name)
     assert other.info["ranks"] > one.info["ranks"] == 1
     assert_histories_equal(one.history, other.history)
+    log = (other.directory / "run.log").read_text()
+    assert ("resumed" in log) == (name in ENDS)
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -71,6 +71,19 @@ def test_what_is_restored_predicts_the_same():
     assert guesses[0].tolist() == guesses[1].tolist()
 
 
+def test_a_restored_state_is_known_if_all_of_it_was_kept():
+    whole = Predictor()
+    walk(whole, parabola, [0.0, 0.1, 0.2, 0.3])
+    whole.corner()
+    for exact in (True, False):
+        again = Predictor()
+        again.restore(whole.plain(), [known.q for known in whole.path], exact=exact)
+        assert again.predict(0.4, ("voltage", 0.2)) is not None
+        assert again.known == exact
+        again.predict(0.4, ("voltage", 0.7))
+        assert not again.known
+
+
 def test_the_secant_is_continued_from_two_states():
     predictor = Predictor()
     walk(predictor, lambda t: vector(2 * t), [0.0, 0.5])

@@ -197,7 +197,7 @@ class Layout:
     def local(self, rows: Any = slice(None)) -> Floats:
         """Nodal values of rows, ghosts included: (rows, nodes, columns); default of all."""
         w = self._problem.spaces.w.x.array
-        if self._simple:
+        if self.exact:
             return np.asarray(w[self._every_dof[rows]])
         columns = [w[d[self._cells]] for d in self._dofs]
         if self._problem.kinematics.sheet:
@@ -216,7 +216,8 @@ class Layout:
         return np.stack([dofs[self._cells] for dofs in self._dofs], axis=-1)
 
     @property
-    def _simple(self) -> bool:
+    def exact(self) -> bool:
+        """Whether `gather` keeps the whole state."""
         return self._pressure is None and not self._problem.kinematics.sheet
 
     @property

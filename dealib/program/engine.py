@@ -248,7 +248,8 @@ class Engine:
                 system.inertia = self.inertia
                 system.expand(system.q)
         # states on the way to the pre-stretch, before row 0, are not saved
-        self.predictor.restore(saved.values["predictor"], known, ahead)
+        predictor = saved.values["predictor"]
+        self.predictor.restore(predictor, known, ahead, exact=self.layout.exact)
 
     def plain(self) -> dict[str, Any]:
         """Plain values of a checkpoint (collective)."""

@@ -213,7 +213,7 @@ class Increments:
         if guess is not None:
             guess.copy(q)
             try:
-                self.newton.solve(self.predictor.returned)
+                self.newton.solve(self.predictor.known)
                 return
             except Singular:
                 raise

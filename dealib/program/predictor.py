@@ -25,6 +25,7 @@ class Known:
         q: The reduced unknowns.
         smooth: Whether the path came here without a jump, that is close to the prediction.
         rate: Derivative of q by the stage's time; None if not known.
+        exact: Whether q is what was accepted, and not what a checkpoint could keep of it.
     """
 
     at: float
@@ -32,6 +33,7 @@ class Known:
     q: Any
     smooth: bool = False
     rate: Any = None
+    exact: bool = True
 
 
 def remembered(unknowns: int) -> int:
@@ -57,7 +59,6 @@ class Predictor:
         path: Known states, oldest first.
         segment: Number of known states from the last corner on.
         back: Index in `path` of the state that the way back reached; None if not on a way back.
-        returned: Whether the last guess is a state of the path.
     """
 
     highest: int = 7
@@ -66,17 +67,17 @@ class Predictor:
     path: list[Known] = field(default_factory=list)
     segment: int = 0
     back: int | None = None
-    returned: bool = False
+    _returned: bool = False
     _order: int = 1
 
     def add(self, at: float, inputs: tuple[Any, ...], q: Any, rate: Any = None) -> None:
         """Remember a converged state, and its rate if that is known."""
         known = Known(at, inputs, q.copy(), rate=rate)
-        if self.returned:  # as smooth as on the way there
+        if self._returned:  # as smooth as on the way there
             known.smooth = self.path[(self.back or 0) + 1].smooth
         else:
             known.smooth = self._judge(at, q)
-        self.returned = False
+        self._returned = False
         self.path.append(known)
         self.segment += 1
         for older in self.path[: -(self.highest + 1) // 2]:
@@ -103,9 +104,14 @@ class Predictor:
         """The known rates, oldest first."""
         return [known.rate for known in self.path if known.rate is not None]
 
+    @property
+    def known(self) -> bool:
+        """Whether the last guess is a state that was accepted with the same inputs."""
+        return self._returned and self.path[self.back or 0].exact
+
     def predict(self, at: float, inputs: tuple[Any, ...]) -> Any:
         """A guess of the state at a time; None if there is none better than the last state."""
-        self.returned = False
+        self._returned = False
         if self.highest == 0 or not self.path:
             return None
         return self._recall(inputs) or self._extrapolate(at, self._order)
@@ -118,12 +124,23 @@ class Predictor:
         return {"known": known, "rated": rated, **rest}
 
     def restore(
-        self, plain: dict[str, Any], states: Sequence[Any], rates: Sequence[Any] = ()
+        self,
+        plain: dict[str, Any],
+        states: Sequence[Any],
+        rates: Sequence[Any] = (),
+        exact: bool = True,
     ) -> None:
-        """Inverse of `plain`, with the last states as far as they were kept, and their rates."""
+        """Inverse of `plain`, with the last states as far as they were kept, and their rates.
+
+        Args:
+            plain: The plain values.
+            states: The states, oldest first.
+            rates: Their rates, as far as they are known.
+            exact: Whether the states are what was accepted.
+        """
         lost = len(plain["known"]) - len(states)
         self.path = [
-            Known(at, tuple(inputs), q, smooth)
+            Known(at, tuple(inputs), q, smooth, exact=exact)
             for (at, inputs, smooth), q in zip(plain["known"][lost:], states, strict=True)
         ]
         self.segment, self._order = min(plain["segment"], len(states)), plain["order"]
@@ -140,7 +157,7 @@ class Predictor:
             self.back = None
             return None
         self.back -= 1
-        self.returned = True
+        self._returned = True
         return self.path[self.back].q
 
     def _judge(self, at: float, q: Any) -> bool:
