@@ -131,6 +131,25 @@ def test_no_recall_across_a_jump():
         predictor.add(2 - t, ("voltage", t), vector(10 + t))
 
 
+@pytest.mark.parametrize("jump", [0.0, 10.0])
+def test_the_first_step_is_recalled_if_the_second_shows_that_it_did_not_jump(jump):
+    def path(t):
+        return vector(t**2 + jump * (t > 0))
+
+    predictor = Predictor()
+    predictor.add(0.0, ("voltage", 0.0), path(0.0))
+    predictor.start()
+    for t in (0.25, 0.5, 0.75):
+        predictor.add(t, ("voltage", t), path(t), vector(2 * t))
+    predictor.corner()
+    for t in (0.5, 0.25):
+        predictor.predict(1.5 - t, ("voltage", t))
+        assert predictor.known
+        predictor.add(1.5 - t, ("voltage", t), path(t))
+    predictor.predict(1.5, ("voltage", 0.0))
+    assert predictor.known == (jump == 0)
+
+
 def test_other_inputs_are_not_recalled():
     predictor = Predictor()
     walk(predictor, parabola, np.linspace(0, 1, 6))

@@ -76,7 +76,10 @@ class Predictor:
         if self._returned:  # as smooth as on the way there
             known.smooth = self.path[(self.back or 0) + 1].smooth
         else:
-            known.smooth = self._judge(at, q)
+            best = self._judge(at, q)
+            known.smooth = best > 0
+            if self.segment == 2 and best > (self.path[-1].rate is not None):
+                self.path[-1].smooth = True  # the polynomial goes through the corner as well
         self._returned = False
         self.path.append(known)
         self.segment += 1
@@ -160,17 +163,20 @@ class Predictor:
         self._returned = True
         return self.path[self.back].q
 
-    def _judge(self, at: float, q: Any) -> bool:
-        """Choose the order that would have predicted a state best; returns if it was good."""
+    def _judge(self, at: float, q: Any) -> int:
+        """Choose the order that would have predicted a state best; returns it if it was good.
+
+        Otherwise it returns 0.
+        """
         if not self.path:
-            return False
+            return 0
         errors = [_distance(self.path[-1].q, q)]
         for order in range(1, self._possible + 1):
             guess = self._extrapolate(at, order)
             errors.append(_distance(guess, q) if guess is not None else math.inf)
         best = errors.index(min(errors))
         self._order = max(best + 1, _CUBIC) if best == len(errors) - 1 else best
-        return best > 0 and errors[best] <= _SMOOTH * errors[0]
+        return best if errors[best] <= _SMOOTH * errors[0] else 0
 
     @property
     def _possible(self) -> int:
