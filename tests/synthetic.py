@@ -6,7 +6,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 import dealib
-from dealib.calibration.schema import Plan
+from dealib.calibration.schema import FitPlan
 
 FITS = Path(__file__).parent.parent / "configs" / "fits"
 TRUE = {
@@ -24,7 +24,7 @@ LABEL = """\
 
 def texts():
     """Content of both files by name."""
-    case = Plan(FITS / "example.yaml").case(0, TRUE)
+    case = FitPlan(FITS / "example.yaml").case(0, TRUE)
     fine = [f"program.{k}.steps=60" for k in (1, 3)]  # so that the fit's own steps are a test
     h = [state.row for state in dealib.Simulation(dealib.load(case.path, [*case.overrides, *fine]))]
     u, F, V = (
@@ -74,7 +74,7 @@ RELAXING_LABEL = """\
 
 def relaxation():
     """Content of the relaxation curve's file."""
-    plan = Plan(FITS / "relaxation.yaml")
+    plan = FitPlan(FITS / "relaxation.yaml")
     units = {key: 1e3 if "shear" in key else 1.0 for key in RELAXING}  # kPa, MPa, s
     case = plan.case(0, {key: units[key] * value for key, value in RELAXING.items()})
     h = [state.row for state in dealib.Simulation(case)]

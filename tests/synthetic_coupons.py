@@ -11,14 +11,14 @@ from dealib.materials.laws import LAWS
 FITS = Path(__file__).parent.parent / "configs" / "fits"
 SEED = 2012
 
-SILICONE = coupon.Material(
+SILICONE = coupon.IncompressibleMaterial(
     LAWS["gent"], SimpleNamespace(shear_modulus=0.25, j_lim=14.0, bulk_modulus=0.0)
 )
-ACRYLIC = coupon.Material(
+ACRYLIC = coupon.IncompressibleMaterial(
     LAWS["neo_hookean"], SimpleNamespace(shear_modulus=0.015, bulk_modulus=0.0), "network",
     ((0.025, 2.0), (0.012, 40.0)),
 )  # fmt: skip
-FILLED = coupon.Material(
+FILLED = coupon.IncompressibleMaterial(
     LAWS["yeoh"], SimpleNamespace(c10=0.2, c20=-0.015, c30=0.004, bulk_modulus=0.0),
     mullins=SimpleNamespace(r=1.8, m=0.12),
     set=SimpleNamespace(shear_modulus=0.08, energy=0.2),

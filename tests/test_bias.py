@@ -19,7 +19,7 @@ from dealib.device.records import MOUNT, Port
 from dealib.errors import ConfigError
 from dealib.program.bias_chart import chart
 from dealib.program.inputs import Drive, drives, law
-from dealib.program.progress import Progress
+from dealib.program.progress import ProgramState
 from dealib.units import GRAVITY
 
 pytestmark = pytest.mark.once  # laws of ports, beside which the equations are the same
@@ -117,8 +117,8 @@ def test_progress_survives_json():
     given = bias({"mass": "10 g"}, {"bistable": {"rate": "-0.1 N/mm", "well": "1 mm",
                                                  "anchor": ["0 mm", "-1 mm"]}})  # fmt: skip
     sampled = Drive("a", "mm", "device", (0.0, 1.0), element=ELEMENTS[3])
-    progress = Progress(drives={"mount": (*drives(PLATE, given, 0.1, 0.3), sampled)})
-    again = Progress.of(json.loads(json.dumps(progress.plain())))
+    progress = ProgramState(drives={"mount": (*drives(PLATE, given, 0.1, 0.3), sampled)})
+    again = ProgramState.of(json.loads(json.dumps(progress.plain())))
     assert again == progress
     assert law(again.drives["mount"], 0.3).balance(0.2) == law(
         progress.drives["mount"], 0.3

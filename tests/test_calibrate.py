@@ -16,7 +16,7 @@ from dealib.calibration import report
 from dealib.calibration.cases import Cases
 from dealib.calibration.fit import run_search
 from dealib.calibration.objective import Objective
-from dealib.calibration.schema import Plan
+from dealib.calibration.schema import FitPlan
 from dealib.cases.cache import Cache
 from dealib.cases.workers import Pool
 from dealib.config import load
@@ -54,7 +54,7 @@ def test_example_finds_the_true_values(tmp_path, monkeypatch, capsys):
         assert low < true < high
         assert low < value < high
         assert 0 < error < 0.03 * true  # the data say something
-    plan = Plan(fit)
+    plan = FitPlan(fit)
     correlation = np.array([list(map(float, row[1:])) for row in table(out / "correlation.csv")])
     assert np.diag(correlation) == pytest.approx(1)
     assert correlation[0, 1] < -0.9  # a stiffer film and a more stretched one are much alike
@@ -106,7 +106,7 @@ def test_derivatives_come_from_the_run_itself(tmp_path, monkeypatch):
         with Pool(1) as pool:
             cases = Cases(Cache(tmp_path / f"cases{told}"), pool)
             with pytest.raises(Interrupted):
-                run_search(Plan(path), cases, lambda line: None)
+                run_search(FitPlan(path), cases, lambda line: None)
         solved.append(cases.solved)
     assert solved == [1, 1 + len(TRUE)]  # both curves are of one case
     for slope, difference in zip(*(J.T for J in found), strict=True):
@@ -182,7 +182,7 @@ def line_fit(folder, noise_seed=None, text=FIT, modulus=2.0, permittivity=3.0):
         F = F + np.random.default_rng(noise_seed).normal(0, 0.01, len(u))
     rows = "".join(f"{a!r},{b!r}\n" for a, b in zip(u.tolist(), F.tolist(), strict=True))
     (folder / "data.csv").write_text("displacement [mm],force [N]\n" + rows)
-    return Plan(folder / "fit.yaml")
+    return FitPlan(folder / "fit.yaml")
 
 
 def fit(plan):

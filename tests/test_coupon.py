@@ -82,7 +82,7 @@ def test_branches_follow_their_differential_equation(evolution):
         return [(c - l * a) / tau, (d - l * b) / tau]
 
     law = SimpleNamespace(shear_modulus=0.0, bulk_modulus=0.0)
-    material = coupon.Material(LAWS["neo_hookean"], law, evolution, ((G, tau),))
+    material = coupon.IncompressibleMaterial(LAWS["neo_hookean"], law, evolution, ((G, tau),))
     for step, tolerance in ((0.02, 5e-4), (0.005, 5e-4 / 16)):  # of second order
         times, stretches, corners = coupon.refined([0, 2, 3.5], [1, 2, 1.25], step)
         assert stretches[corners].tolist() == [1, 2, 1.25]
@@ -97,8 +97,10 @@ def test_without_time_branches_are_relaxed():
     path = coupon.Path("uniaxial", *coupon.refined([0, np.inf], [1, 2])[:2])
     law = SimpleNamespace(shear_modulus=1.0, bulk_modulus=0.0)
     for evolution in ("multiplicative", "network"):
-        bare = coupon.Material(LAWS["neo_hookean"], law)
-        with_branch = coupon.Material(LAWS["neo_hookean"], law, evolution, ((1.0, 5.0),))
+        bare = coupon.IncompressibleMaterial(LAWS["neo_hookean"], law)
+        with_branch = coupon.IncompressibleMaterial(
+            LAWS["neo_hookean"], law, evolution, ((1.0, 5.0),)
+        )
         a, b = (coupon.stresses(path, [m])[0] for m in (bare, with_branch))
         assert a == pytest.approx(path.stretch - path.stretch**-2)
         assert b == pytest.approx(a, abs=1e-9)
@@ -111,7 +113,9 @@ def test_softening_dissipates_the_area_between_loading_and_unloading():
     law = SimpleNamespace(shear_modulus=0.6, bulk_modulus=0.0)
     times, stretch, corners = coupon.refined([0, 1, 2, 3], [1, 2.5, 1, 2.5], 1e-3)
     path = coupon.Path("uniaxial", times, stretch)
-    (P,) = coupon.stresses(path, [coupon.Material(LAWS["neo_hookean"], law, mullins=SOFT)])
+    (P,) = coupon.stresses(
+        path, [coupon.IncompressibleMaterial(LAWS["neo_hookean"], law, mullins=SOFT)]
+    )
     up, down, again = (slice(a, b + 1) for a, b in itertools.pairwise(corners))
     area = trapezoid(P[up], stretch[up]) + trapezoid(P[down], stretch[down])
     W = float(coupon.energy(LAWS["neo_hookean"], law, "uniaxial", np.array([2.5]))[0][0])
@@ -131,7 +135,7 @@ def test_softening_of_forms_is_that_of_numbers():
 
 def test_permanent_set_stays_and_does_not_grow_again():
     law = SimpleNamespace(shear_modulus=0.5, bulk_modulus=0.0)
-    material = coupon.Material(
+    material = coupon.IncompressibleMaterial(
         LAWS["neo_hookean"], law, set=SimpleNamespace(shear_modulus=0.3, energy=0.2)
     )
     times, stretch, corners = coupon.refined([0, 1, 2, 3, 4], [1, 2, 1, 2, 1], coupon.FINE)

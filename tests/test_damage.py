@@ -19,7 +19,7 @@ from dealib.results.history import HISTORY
 from dealib.results.info import INFO
 from dealib.results.reader import CONFIG
 from dealib.results.store import STATES
-from dealib.results.tables import Tables
+from dealib.results.tables import DeviceTables
 
 SMALL = Path(__file__).parent / "small.yaml"
 CODES = {0, 2, 3, 4}  # documented, and of no signal
@@ -218,7 +218,7 @@ def test_damaged_tables_are_refused_by_name(tmp_path, suffix, way):
     U, V = np.meshgrid(u, v, indexing="ij")
     columns = {"displacement_mm": u, "voltage_kV": v, "force_N": 2 * U, "charge_uC": 3 * V}
     columns |= {"capacitance_pF": 3 + 0 * V, "potential_mJ": U**2 - 1.5 * V**2}
-    Tables(columns).save(tmp_path)
+    DeviceTables(columns).save(tmp_path)
     path = tmp_path / f"tables.{suffix}"
     assert float(dealib.tables(path).force(-0.3, 1.1)) == pytest.approx(-0.6)
     if way == "truncated":  # within a row

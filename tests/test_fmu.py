@@ -22,7 +22,7 @@ import dealib
 from dealib.errors import ConfigError
 from dealib.export.fmu import write_fmu
 from dealib.program.tables import tables_case
-from dealib.results.tables import Tables, collect
+from dealib.results.tables import DeviceTables, collect
 
 pytestmark = pytest.mark.once  # C code, from stored tables
 STRIP = Path(__file__).parent / "viscous.yaml"
@@ -395,7 +395,7 @@ def test_other_ports_and_three_of_them(tmp_path, name, sets, axes):
         stem, dot, port = n.partition(".")
         sign = {"displacement_mm": 1.0, "voltage_kV": -1.0, "pressure_kPa": -1e3}[stem]
         values[columns[stem] + dot + port] = sign * 3 * w * s**2
-    tables = Tables({**grids, **values})
+    tables = DeviceTables({**grids, **values})
     write_fmu(tmp_path / "d.fmu", None, tables, given.config)
     at = [-0.37, 0.61, 0.83][-len(X) :] if len(X) == 3 else [0.61, 0.83]
     with slave(tmp_path / "d.fmu") as one:
@@ -420,7 +420,7 @@ def test_names_are_nothing_but_names(tmp_path, name):
     x, y = np.linspace(-2.5, -0.5, 3), np.linspace(0, 2.5, 3)
     U, V = np.meshgrid(x, y, indexing="ij")
     duals = {"potential_mJ": U**2 - V**2, "force_N": 2 * U, "charge_uC": 2 * V}
-    tables = Tables({"displacement_mm": x, "voltage_kV": y, **duals})
+    tables = DeviceTables({"displacement_mm": x, "voltage_kV": y, **duals})
     write_fmu(tmp_path / "d.fmu", None, tables, given.config)
     assert validate_fmu(str(tmp_path / "d.fmu")) == []
     with slave(tmp_path / "d.fmu", **{f"{name}.displacement_in": -3e-3}) as one:

@@ -274,7 +274,7 @@ def test_branches_relax_in_space_as_at_a_material_point(model):
     found = square(program, film, **physics)
     time, stretch, corners = coupon.refined([0.0, 1.0, 3.0], [1.0, 1.5, 1.5])
     moduli = SimpleNamespace(shear_modulus=G, bulk_modulus=0.0)
-    material = coupon.Material(LAWS["neo_hookean"], moduli, branches=((0.2, 1.0),))
+    material = coupon.IncompressibleMaterial(LAWS["neo_hookean"], moduli, branches=((0.2, 1.0),))
     path = coupon.Path("equal-biaxial", time, stretch)
     (stress,) = coupon.stresses(path, [material])
     ends = {row["stage"]: row["force_N.plate"] / (0.050 * 8) for row in found}

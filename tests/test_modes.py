@@ -22,7 +22,7 @@ import dealib
 from dealib.cli.app import app
 from dealib.cli.mpi import environment, mpirun
 from dealib.errors import ConfigError
-from dealib.program.modes import Watch, at_rest
+from dealib.program.modes import ModesWatch, at_rest
 from dealib.units import EPSILON_0
 
 G, RHO = 0.02, 960e-12  # MPa, t/mm^3
@@ -35,7 +35,7 @@ SOFT = {
 
 def found(given: Any, count: int = 8) -> pd.DataFrame:
     """The modes at the end of a program, as `modes.csv` has them."""
-    watch = Watch((), None, count)
+    watch = ModesWatch((), None, count)
     for state in simulation(given):
         watch(state)
     return pd.DataFrame(watch.rows)
@@ -176,7 +176,7 @@ def test_a_balloon_breathes_slower_under_voltage(tmp_path):
     path = tmp_path / "balloon.yaml"
     YAML().dump(text, path)
     run = dealib.Simulation(at_rest(dealib.load(path), ()))
-    watch = Watch([f"{v}" for v in shares], None, 60)
+    watch = ModesWatch([f"{v}" for v in shares], None, 60)
     for state in run:
         watch(state)
     table = pd.DataFrame(watch.rows)
@@ -331,7 +331,7 @@ def test_a_mode_that_grows_has_a_negative_frequency():
             {"stage": "press", "terminal": {"voltage": f"{volts:.17g} kV"}, "steps": 2},
         ],
     )
-    watch = Watch(["rest", "press"], None, 2)
+    watch = ModesWatch(["rest", "press"], None, 2)
     for state in simulation(given):
         watch(state)
     rest, _, pressed, second = (row["frequency_Hz"] for row in watch.rows)
@@ -362,7 +362,7 @@ def test_air_hardly_matters():
 def test_the_resonance_of_the_gallery():
     """A plate of 3 g on its film: a spring and a mass, softer under voltage."""
     given = case("dynamics/resonance", sensing__differential=True, mesh__columns=20)
-    watch = Watch(["hang"], "bias", 1)
+    watch = ModesWatch(["hang"], "bias", 1)
     for state in dealib.Simulation(at_rest(given, ["hang", "bias"])):
         if watch(state).modes is not None:
             k = state.row["mount_stiffness_N_per_mm"]
@@ -381,7 +381,7 @@ def test_modes_keep_their_numbers_where_frequencies_cross():
         holds=[{"on": "left", "fix": ["X", "Z"]}, {"on": "right", "fix": "Z"}],
         program=[{"stage": "pull", "mount": {"displacement": "2 mm"}, "steps": 6}],
     )
-    watch = Watch((), "pull", 5)
+    watch = ModesWatch((), "pull", 5)
     for state in simulation(given):
         watch(state)
     curve = pd.DataFrame(watch.curve)

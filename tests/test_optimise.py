@@ -15,7 +15,7 @@ from dealib.design.designs import Designs, Evaluated
 from dealib.design.evaluate import Evaluation, evaluate
 from dealib.design.goals import Aim, Limit, goals
 from dealib.design.optimise import optimise, pareto
-from dealib.design.plan import Plan
+from dealib.design.plan import DesignPlan
 from dealib.design.schema import Search
 from dealib.design.search import descend
 from dealib.design.sensitivity import find
@@ -286,7 +286,7 @@ def front(tmp_path_factory):
 
 def random_designs(count: int) -> np.ndarray:
     """Stroke and stretch of random designs within the limits."""
-    plan = Plan(DESIGNS / "stroke_or_stretch.yaml")
+    plan = DesignPlan(DESIGNS / "stroke_or_stretch.yaml")
     bounds = np.array([v.range for v in plan.design.variables.values()])
     assert list(plan.design.variables) == [THICKNESS, STRETCH, FORCE]
     rng, found = np.random.default_rng(7), []
@@ -532,7 +532,7 @@ def test_limits_read_as_they_are_written(tmp_path):
         subject_to="['0.1 <= stroke < 30', 'max(breakdown_use) * 2 >= stroke / 100', "
         "'10 > 2 * stroke']",
     )
-    found = goals(Plan(design))
+    found = goals(DesignPlan(design))
     values = {name: 0.0 for name in found.asked} | {
         "stroke": 3.0, "max(breakdown_use) * 2 - (stroke / 100)": 0.5, "2 * stroke": 6.0
     }  # fmt: skip
@@ -575,10 +575,10 @@ def test_a_design_that_cannot_be_is_not_allowed(tmp_path):
         "minimise: 'max(field_max_MV_per_m)'\n"
     )
     with pytest.raises(ConfigError, match=r"d\.yaml:3:37: variables\.geometry\.inner_radius"):
-        Plan(design)
+        DesignPlan(design)
     text = design.read_text().replace("choices: [8 mm, 13 mm]", "min: 10 mm, max: 14 mm")
     design.write_text(text.replace("minimise: 'max", "maximise: 'charge_uC * 0 + max"))
-    plan = Plan(design)
+    plan = DesignPlan(design)
     with Designs(plan, goals(plan), tmp_path / "out", 1, print) as designs:
         assert "must exceed inner_radius" in designs.see("membrane", {RADIUS: 13.0}).error
         assert not designs.allowed(designs.seen[0])

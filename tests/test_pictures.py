@@ -16,7 +16,7 @@ from dealib.plots.animation import usual
 from dealib.plots.curves import overview
 from dealib.plots.mesh import draw_mesh
 from dealib.plots.profiles import draw_profiles, film, lines
-from dealib.plots.shape import Shape
+from dealib.plots.shape import LayerShape
 from dealib.report import facts
 from dealib.results.quantities import SURFACE_CHARGE, quantity
 from dealib.study import sample
@@ -82,7 +82,7 @@ def titles(figure):
 
 
 def test_the_field_in_a_tube_is_that_of_a_cylindrical_capacitor(tube):
-    shape = Shape(tube)
+    shape = LayerShape(tube)
     found = shape.section.layer("wall")
     t = np.linspace(0, 1, 9)
     E = quantity("E_R", shape.kinematics).of(shape.arrays)
@@ -97,7 +97,7 @@ def test_the_field_in_a_tube_is_that_of_a_cylindrical_capacitor(tube):
 
 
 def test_a_tube_is_drawn_along_its_axis(tube):
-    shape = Shape(tube)
+    shape = LayerShape(tube)
     with style.theme() as look:
         figure = views.draw_field(shape, quantity("S_ZZ", shape.kinematics), look)
         assert titles(figure) == [
@@ -114,7 +114,7 @@ def test_a_tube_is_drawn_along_its_axis(tube):
 
 
 def test_a_membrane_on_a_line_is_drawn_with_its_thickness(membrane):
-    shape = Shape(membrane)
+    shape = LayerShape(membrane)
     assert shape.layers == ("low", "film", "high")
     assert shape.thickness == pytest.approx(0.14)
     strip = shape.section.layer("film")
@@ -146,7 +146,7 @@ def test_a_disc_has_one_end(tmp_path):
     chamber = {"pump": {"on": "film.bottom"}}
     program = [{"stage": "inflate", "chamber": {"pressure": "1 kPa"}}, *ON]
     run = simulated(changed(config("disc"), chambers=chamber, program=program), tmp_path)
-    shape = Shape(run)
+    shape = LayerShape(run)
     with style.theme() as look:
         figure = views.draw_field(shape, quantity("E", shape.kinematics), look)
         assert titles(figure)[-1] == "outer end, true scale"
@@ -166,7 +166,7 @@ def test_a_strip_has_fields_of_its_plane_and_the_film_under_voltage_is_drawn(tmp
     layers = [layer("passive", material="film"), layer("active", material="film")]
     given = changed(config("strip", *layers), terminals=terminals, program=ON)
     run = simulated(given, tmp_path)
-    shape = Shape(run)
+    shape = LayerShape(run)
     assert film(shape) == "active"
     assert quantity("S_YY", shape.kinematics).component == (2, 2)
     with pytest.raises(
@@ -205,7 +205,7 @@ def test_a_mesh_of_ones_own_is_drawn_whole(tmp_path):
         "holds": [{"on": "outer", "fix": ["R", "Z"]}, {"on": "inner", "fix": ["R", "Z"]}],
     }
     run = simulated(changed(given, **sections), tmp_path)
-    shape = Shape(run)
+    shape = LayerShape(run)
     with style.theme() as look:
         assert titles(views.draw_field(shape, quantity("E", shape.kinematics), look)) == [
             "true scale"
@@ -220,7 +220,7 @@ def test_a_mesh_of_ones_own_is_drawn_whole(tmp_path):
 
 
 def test_a_plate_in_space_is_mirrored_with_the_signs_of_its_components(plate):
-    shape = Shape(plate)
+    shape = LayerShape(plate)
     for name in ("E", "u_X", "S_XY"):
         what = quantity(name, shape.kinematics)
         parts = [
@@ -248,7 +248,7 @@ def test_a_plate_in_space_is_seen_whole_and_cut(plate):
         views.check_rendering()
     except dealib.errors.PlatformError as error:
         pytest.skip(str(error))
-    shape = Shape(plate)
+    shape = LayerShape(plate)
     with style.theme() as look:
         figure = views.draw_field(shape, quantity("E", shape.kinematics), look)
         whole, cut = (a.images[0].get_array() for a in figure.axes[:2])
@@ -276,7 +276,7 @@ def test_several_terminals_have_their_names(tmp_path):
     assert [t for t in told if t.startswith("capacitance")] == [
         "capacitance of drive", "capacitance of sense"
     ]  # fmt: skip
-    assert Shape(run).when.endswith("V of drive = 1 kV")
+    assert LayerShape(run).when.endswith("V of drive = 1 kV")
     assert BASES["annulus"]["kind"] == "annulus"
 
 
@@ -292,7 +292,7 @@ def test_layers_of_a_sheet_that_meet_other_layers_on_a_part_have_charge_along_th
         terminals={"hot": {"on": "skin"}, "ground": {"on": "film.bottom", "ground": True}},
     )  # fmt: skip
     run = simulated(changed(given, program=ON), tmp_path)
-    shape = Shape(run)
+    shape = LayerShape(run)
     assert shape.layers == ("film", "skin")
     Z, sigma = lines(shape, SURFACE_CHARGE)["electrode at the top face"]
     assert np.isfinite(sigma).all()

@@ -22,11 +22,11 @@ from dealib.plots.curves import curves, overview
 from dealib.plots.labels import label
 from dealib.plots.limits import BEYOND
 from dealib.plots.profiles import lines
-from dealib.plots.shape import Shape, drawn, typical_step
+from dealib.plots.shape import LayerShape, drawn, typical_step
 from dealib.results.elements import Cell
 from dealib.results.fields import fields
 from dealib.results.quantities import SURFACE_CHARGE, quantities, quantity
-from dealib.results.sampling import Strip, locate, reference_grid
+from dealib.results.sampling import LayerStrip, locate, reference_grid
 
 pytestmark = pytest.mark.once  # of stored results
 
@@ -42,7 +42,7 @@ def invoke(*arguments):
 @pytest.fixture(scope="module")
 def shape(strip_run):
     """The last step: 3 mm down, 2.5 kV."""
-    return Shape(strip_run)
+    return LayerShape(strip_run)
 
 
 @pytest.mark.parametrize(
@@ -185,7 +185,7 @@ def test_sampling_follows_second_order_cells(shape):
     nodal = R**2 + 40 * R * Z - 300 * Z**2
     x, z = shape.strips.points.T
     assert shape.strips(nodal) == pytest.approx(x**2 + 40 * x * z - 300 * z**2, rel=1e-12)
-    film = Strip(shape.mesh, "film")
+    film = LayerStrip(shape.mesh, "film")
     s, t = film.positions, np.linspace(0.1, 0.7, len(film.positions))
     x, z = 8.35 + 4 * s, 0.03 * (t - 0.5)
     assert film.at(nodal, s, t) == pytest.approx(x**2 + 40 * x * z - 300 * z**2, rel=1e-9)
@@ -222,7 +222,7 @@ def test_the_deformed_strip_and_its_magnified_thickness(shape):
 
 
 def test_surface_charge_adds_up_to_the_charge_of_the_terminal(shape):
-    total, film = {}, Strip(shape.mesh, "film")
+    total, film = {}, LayerStrip(shape.mesh, "film")
     for face in (1, -1):
         R, sigma = film.charge(shape.arrays, face)
         nodes = film.face(face)
@@ -245,9 +245,9 @@ def test_charge_along_a_film_that_is_not_flat(tmp_path):
     changes = {"mesh.columns": columns, "program": "[{stage: on, terminal: {voltage: 1 kV}}]"}
     path = thinned(dealib.load(small, set=changes), tmp_path / "own.msh", lambda s: 1 - 0.1 * s)
     run = dealib.simulate(dealib.load(small, set={**changes, "mesh.file": path}), tmp_path / "run")
-    shape = Shape(run)
+    shape = LayerShape(run)
     for sign in (1, -1):
-        R, sigma = Strip(shape.mesh, "film").charge(shape.arrays, sign)
+        R, sigma = LayerStrip(shape.mesh, "film").charge(shape.arrays, sign)
         assert len(R) == 2 * columns + 1
         ring = 2 * np.pi * R * sigma
         charge = ((ring[1:] + ring[:-1]) / 2 * np.diff(R)).sum()
@@ -437,7 +437,7 @@ def test_no_stored_state_under_voltage_is_told_not_drawn_as_its_field(tmp_path):
     run = dealib.open(run.directory)
     assert run.stored_steps == [0, 12, 16]
     assert typical_step(run) == 12  # of the largest displacement
-    told = Shape(run, 16).when
+    told = LayerShape(run, 16).when
     assert told.endswith("V = 0 kV (no state under voltage was stored)")
     page = Path(invoke("report", run.directory)).read_text(encoding="utf-8")
     assert (

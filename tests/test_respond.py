@@ -22,15 +22,15 @@ from dealib.cli.mpi import environment, mpirun
 from dealib.config import Config
 from dealib.errors import ConfigError, ValueAt
 from dealib.fem.response import Response, relaxed_state
-from dealib.program.modes import Watch, at_rest
-from dealib.program.response import Driver, Spectrum
+from dealib.program.modes import ModesWatch, at_rest
+from dealib.program.response import Driver, SpectrumWatch
 from dealib.results import circuit, sound
 from dealib.units import EPSILON_0
 
 
 def spectrum(given: Any, hertz: Any, **keys: Any) -> tuple[pd.DataFrame, dict[str, Any]]:
     """The spectrum at the end of a program, and the row of its state."""
-    found = Spectrum(None, keys.pop("of", "terminal"), hertz, **keys)
+    found = SpectrumWatch(None, keys.pop("of", "terminal"), hertz, **keys)
     for state in simulation(given):
         found(state)
     return pd.DataFrame(found.rows), state.row
@@ -462,11 +462,11 @@ def test_a_piston_in_a_wall():
 def test_a_loudspeaker_sounds_by_the_volume_that_it_moves():
     """Where it is small against the wave, and the point far away; it resonates as its dome does."""
     given = at_rest(case(DOME[0], **{k.replace(".", "__"): v for k, v in DOME[1].items()}), [])
-    modes = Watch((), None, 1)
+    modes = ModesWatch((), None, 1)
     for state in dealib.Simulation(given):
         modes(state)
     hertz, far = np.array([20.0, 100.0, modes.rows[0]["frequency_Hz"]]), 2000.0
-    found = Spectrum(None, "terminal", hertz, distance=far)
+    found = SpectrumWatch(None, "terminal", hertz, distance=far)
     for state in dealib.Simulation(given):
         found(state)
     table = pd.DataFrame(found.rows)
@@ -522,7 +522,7 @@ SPRING = "--set=program.0={stage: push, mount: {force: -0.05 N}, steps: 2}"
 def test_the_spectrum_of_the_gallery():
     """A resonance on a capacitor; far above it the electrodes keep the charge out."""
     given = at_rest(case("dynamics/spectrum", mesh__columns=20), [])
-    found = Spectrum(None, "terminal", np.geomspace(1, 1e6, 121))
+    found = SpectrumWatch(None, "terminal", np.geomspace(1, 1e6, 121))
     for state in dealib.Simulation(given):
         found(state)
     table = pd.DataFrame(found.rows)

@@ -58,7 +58,7 @@ MEMBRANE = {"physics": {"model": "membrane"}}
 
 def expected(stretches, mullins=MULLINS, permanent_set=SET, fine=400):
     """Nominal stress at the corners of a path, by fine steps of the homogeneous test, MPa."""
-    material = coupon.Material(
+    material = coupon.IncompressibleMaterial(
         LAWS["yeoh"], SimpleNamespace(**LAW, bulk_modulus=0.0),
         mullins=None if mullins is None else SimpleNamespace(**mullins),
         set=None if permanent_set is None else SimpleNamespace(**permanent_set),

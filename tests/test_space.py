@@ -15,7 +15,7 @@ from test_pictures import changed, simulated
 from test_report import browse
 
 from dealib.plots import views
-from dealib.plots.shape import Shape
+from dealib.plots.shape import LayerShape
 from dealib.plots.surface import patches
 from dealib.report import figures, page, space
 from dealib.results.quantities import quantity
@@ -68,7 +68,7 @@ def volume(triangles):
 
 
 def test_the_surface_of_a_plate_is_closed_and_looks_outwards(plate):
-    shape = Shape(plate)
+    shape = LayerShape(plate)
     found = patches(shape, ["film"], False, 10_000)
     # the walls in the planes of symmetry lie inside, twice: they cancel
     assert volume(corners(shape, found)) == pytest.approx(8 * 4 * 0.5, rel=1e-9)
@@ -85,7 +85,7 @@ def test_the_surface_of_a_plate_is_closed_and_looks_outwards(plate):
 
 
 def test_the_surface_of_a_body_of_revolution_is_closed(ring):
-    shape = Shape(ring, n=2)
+    shape = LayerShape(ring, n=2)
     found = patches(shape, ["film"], False, 30_000)
     sector = 30 * np.sin(0.75 * 2 * np.pi / 60)  # of sixty triangles, instead of 0.75 pi
     exact = sector * (10**2 - 6**2) * 0.1
@@ -96,7 +96,7 @@ def test_the_surface_of_a_body_of_revolution_is_closed(ring):
 
 def test_too_many_triangles_are_thinned_out_and_reach_as_far(plate, ring):
     for run, whole, most in ((plate, [8, 4, 0.5], 200), (ring, [20, 20, 0.1], 60)):
-        shape = Shape(run, n=2)
+        shape = LayerShape(run, n=2)
         every, found = (patches(shape, ["film"], False, most) for most in (10_000, most))
         lost = [len(a.triangles) - len(b.triangles) for a, b in zip(every, found, strict=True)]
         assert [patch.left_out for patch in found][-1] == lost[-1] > 0
@@ -142,7 +142,7 @@ def test_the_data_are_those_of_the_run(which, request):
     assert "E" in film["patches"][0]["values"]
     assert "E" not in cover["patches"][0]["values"]  # plain
     assert "u" in cover["patches"][0]["values"]
-    shape = Shape(run, 3, n=2)
+    shape = LayerShape(run, 3, n=2)
     factor = 2 if which == "ring" else 1
     assert found["note"] == ("Thickness magnified 2 times." if factor == 2 else "True scale.")
     assert factor == 1 or np.ptp(shape.moved(2)[:, 1]) > 1.9 * 0.14
@@ -235,7 +235,7 @@ def test_the_slider_and_the_menu_move_the_view(plate, tmp_path, monkeypatch):
     start, last, first_seen, then_seen, label = json.loads(html.unescape(shown[1]))
     assert (start, last) == ("3", "3")
     film, cover, _ = first_seen  # without wrinkles no line is drawn
-    end = Shape(plate, 3)
+    end = LayerShape(plate, 3)
     E = quantity("E", end.kinematics)
     assert film[4] == pytest.approx(np.nanmax(end.values(E)), rel=1e-4)
     assert cover[4] is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -64,3 +65,12 @@ def test_imports_have_no_circles(what):
 def test_pictures_import_no_dolfinx():
     free = ("dealib.plots", "dealib.report", "dealib.results", "dealib.study", "dealib.data")
     assert not [a for a, b in imports() if a.startswith(free) and b.startswith("dealib.fem")]
+
+
+def test_no_class_name_stands_twice():
+    """So that a name in a traceback or a search tells which class it is."""
+    trees = [ast.parse(path.read_text()) for path in sorted(ROOT.rglob("*.py"))]
+    names = [n.name for tree in trees for n in ast.walk(tree) if isinstance(n, ast.ClassDef)]
+    public = Counter(name for name in names if not name.startswith("_"))
+    assert len(public) > 200
+    assert [name for name, count in public.items() if count > 1] == []

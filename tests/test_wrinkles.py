@@ -9,7 +9,7 @@ from test_pictures import changed, simulated, titles
 
 import dealib
 from dealib.plots import crests, style, views
-from dealib.plots.shape import Shape
+from dealib.plots.shape import LayerShape
 from dealib.plots.surface import blocks
 from dealib.report import figures, space
 from dealib.results.quantities import quantity
@@ -45,7 +45,7 @@ def whole(tmp_path_factory):
 def test_crests_run_outwards_all_around(line, whole):
     """A crest has no sign: averages of vectors cancelled where two neighbours had other signs."""
     for run in (line, whole):
-        shape = Shape(run)
+        shape = LayerShape(run)
         found, share = shape.arrays["crest"], shape.arrays["wrinkling"]
         assert share.min() > 0.05  # it wrinkles everywhere
         assert np.linalg.norm(found, axis=1) == pytest.approx(share, rel=1e-9)
@@ -55,13 +55,13 @@ def test_crests_run_outwards_all_around(line, whole):
         out = shape.mesh.points[:, :2] / np.linalg.norm(shape.mesh.points[:, :2], axis=1)[:, None]
         around = found[:, 1] * out[:, 0] - found[:, 0] * out[:, 1]
         assert np.abs(around / share).max() < 0.02
-    peak = [Shape(run).arrays["wrinkling"].max() for run in (line, whole)]
+    peak = [LayerShape(run).arrays["wrinkling"].max() for run in (line, whole)]
     assert peak[0] == pytest.approx(peak[1], rel=1e-3)
 
 
 def test_lines_are_drawn_on_the_crests(line, whole):
     for run in (line, whole):
-        shape = Shape(run)
+        shape = LayerShape(run)
         assert crests.lines(shape, quantity("u", shape.kinematics)) == []
         ((tubes, colour),) = crests.lines(shape, quantity("wrinkling", shape.kinematics))
         assert colour == "#d55e00"
@@ -77,10 +77,10 @@ def test_lines_are_drawn_on_the_crests(line, whole):
         assert np.abs(around).max() < 0.02
         # of a section six lines, every 8 degrees of 270
         assert len(R) == pytest.approx(289 if shape.solid else 6 * 34, abs=30 * shape.solid)
-    what = quantity("wrinkling", Shape(line).kinematics)
+    what = quantity("wrinkling", LayerShape(line).kinematics)
     area = line.history["wrinkled_area_mm2"].iloc[-1]
     assert area == pytest.approx(np.pi * 64, rel=1e-3)
-    told = crests.note(Shape(line), what, 1.0)
+    told = crests.note(LayerShape(line), what, 1.0)
     assert told == "true scale; 201.1 mm² wrinkled, lines on the crests"
 
 
@@ -91,7 +91,7 @@ def test_they_are_in_the_pictures_and_the_report(line, whole):
         pytest.skip(str(error))
     with style.theme() as look:
         for run in (line, whole):
-            shape = Shape(run)
+            shape = LayerShape(run)
             figure = views.draw_field(shape, quantity("wrinkling", shape.kinematics), look)
             image = np.asarray(figure.axes[0].images[0].get_array(), dtype=float)
             red = (image[..., 0] > 140) & (image[..., 1] < 110) & (image[..., 2] < 60)
@@ -104,7 +104,7 @@ def test_they_are_in_the_pictures_and_the_report(line, whole):
 
 def test_the_interactive_view_has_them_and_what_holds_the_film(line, whole):
     for run in (line, whole):
-        shape = Shape(run)
+        shape = LayerShape(run)
         data = space.view(run, figures.turned(run))
         lines = data["crests"]
         assert lines["name"] == "wrinkling"
@@ -114,7 +114,7 @@ def test_the_interactive_view_has_them_and_what_holds_the_film(line, whole):
         assert found == pytest.approx(crests.strokes(shape)[0], abs=1e-3)
         *_, last = data["parts"]
         assert (last["plain"] == views.RIGID) == (not shape.solid)
-    inner, outer = blocks(Shape(line), 2.0)
+    inner, outer = blocks(LayerShape(line), 2.0)
     assert inner[:, 0] == pytest.approx([0, 6, 6, 0], abs=1e-4)
     assert outer[:, 0] == pytest.approx([10, 11, 11, 10])
     z = inner[:, 1].mean(), outer[:, 1].mean()

@@ -9,7 +9,7 @@ import numpy as np
 from dealib.plots.contours import magnification, scale_note
 from dealib.plots.labels import label, split
 from dealib.plots.limits import BEYOND, beyond
-from dealib.plots.shape import Shape
+from dealib.plots.shape import LayerShape
 from dealib.plots.style import LIGHT
 from dealib.plots.views import CONDUCTORS, bodies
 from dealib.report.figures import turned
@@ -71,7 +71,7 @@ def fields(run: Run) -> dict[str, str]:
     """Titles of the fields of a run, by name; those that a report shows come first."""
     if not run.stored_steps:
         return {}
-    shape = Shape(run, n=1)
+    shape = LayerShape(run, n=1)
     known = quantities(shape.kinematics)
     names = dict.fromkeys([q.name for q in turned(run)] + list(known))
     there = [known[n] for n in names if known[n].field in shape.arrays]
@@ -94,7 +94,7 @@ def device(run: Run, step: int, field: str, cut: str, share: float) -> dict[str,
         cut: A view of `cuts`.
         share: Place of the cut of a three-dimensional device, from 0 to 1 of its extent.
     """
-    shape = Shape(run, step, n=2)
+    shape = LayerShape(run, step, n=2)
     what = quantities(shape.kinematics)[field]
     values, factor = shape.values(what), magnification(shape)
     look, x = coloured(shape, what, values), shape.moved(factor)
@@ -117,7 +117,7 @@ def device(run: Run, step: int, field: str, cut: str, share: float) -> dict[str,
     return {"data": [first, *flat], "layout": layout}
 
 
-def _flat(x: Array, shape: Shape, values: Array, look: dict[str, Any]) -> list[dict[str, Any]]:
+def _flat(x: Array, shape: LayerShape, values: Array, look: dict[str, Any]) -> list[dict[str, Any]]:
     """Triangles in a plane, (triangles, 3, 2), as filled paths, one for each colour."""
     (low, high), colours = look["range"], look["colours"]
     mean, last = values[shape.strips.triangles].mean(axis=1), len(colours) - 1

@@ -9,7 +9,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from dealib.calibration.coupon_data import Specimen
+from dealib.calibration.coupon_data import CouponTest
 from dealib.calibration.task import History, Values
 from dealib.data.measured import Array
 from dealib.errors import NotConverged
@@ -70,7 +70,7 @@ class Candidate:
         field = self.law.model_fields.get(key.split(".")[0])
         return field is None or any(getattr(m, "gt", None) is not None for m in field.metadata)
 
-    def material(self, values: Values) -> coupon.Material:
+    def material(self, values: Values) -> coupon.IncompressibleMaterial:
         """The material at parameter values, with moduli in `unit`."""
         scale = 1e-3 if self.unit == "kPa" else 1.0
         p: dict[str, Any] = {}
@@ -91,7 +91,9 @@ class Candidate:
             given = {name: scale * values[f"permanent_set.{name}"] for name in names}
             network = PermanentSet.model_construct(None, **given)
         law = SimpleNamespace(**p, bulk_modulus=0.0)
-        return coupon.Material(self.law, law, self.evolution, branches, mullins, network)
+        return coupon.IncompressibleMaterial(
+            self.law, law, self.evolution, branches, mullins, network
+        )
 
     def fitted(self, values: Values) -> Law:
         """The law with these parameters, even if a config would refuse them."""
@@ -101,7 +103,7 @@ class Candidate:
         return self.law.model_construct(None, **given)
 
     def solve(
-        self, specimens: Sequence[Specimen], sets: list[Values]
+        self, specimens: Sequence[CouponTest], sets: list[Values]
     ) -> list[list[History | NotConverged]]:
         """Histories of all tests at each set of values."""
         materials = [self.material(values) for values in sets]
@@ -117,7 +119,7 @@ def _is_stress(law: type[Law], name: str) -> bool:
     return "'stress'" in repr(notes)
 
 
-def _history(specimen: Specimen, stress: Array) -> History | NotConverged:
+def _history(specimen: CouponTest, stress: Array) -> History | NotConverged:
     if not np.isfinite(stress).all():
         return NotConverged("the law locks within the test")
     return specimen.history(stress)

@@ -23,7 +23,7 @@ _FIELDS = "none"
 
 
 @dataclass(frozen=True)
-class Wanted:
+class CaseRequest:
     """What a case computes besides its history.
 
     Attributes:
@@ -53,7 +53,7 @@ class Cases:
         self.cache, self.pool, self.solved = cache, pool, 0
 
     def histories(
-        self, cases: Sequence[Case], wanted: Sequence[Wanted]
+        self, cases: Sequence[Case], wanted: Sequence[CaseRequest]
     ) -> list[History | NotConverged]:
         """Histories of cases, or their spectra; `NotConverged` for those that do not converge.
 
@@ -76,11 +76,11 @@ class Cases:
                 raise kind(f"a case of the fit {ended.status}: {ended.error}")
         return [self._history(*one) for one in zip(keys, wanted, strict=True)]
 
-    def slopes(self, case: Case, wanted: Wanted) -> dict[str, History]:
+    def slopes(self, case: Case, wanted: CaseRequest) -> dict[str, History]:
         """Derivatives of a solved case's history by the logarithms of keys, as far as known."""
         return slopes.read(self.cache.run(key(case.config, wanted.key)).directory)
 
-    def _history(self, known: str, wanted: Wanted) -> History | NotConverged:
+    def _history(self, known: str, wanted: CaseRequest) -> History | NotConverged:
         run = self.cache.run(known)
         if run.status == FAILED:
             return NotConverged(run.info["error"])

@@ -39,8 +39,8 @@ _CORNERS = 300  # largest number of corners of a path that is read from a file
 
 
 @dataclass(frozen=True)
-class Specimen:
-    """A test that is ready for comparison (see `task.Data`).
+class CouponTest:
+    """A test that is ready for comparison (see `task.FitData`).
 
     Attributes:
         title: Name in reports.
@@ -73,7 +73,7 @@ class Specimen:
         return low + (self.at - before) * (high - low)
 
     def residual(self, history: History) -> Array:
-        """See `Data`; orthogonal distances if the stretch has a standard deviation."""
+        """See `FitData`; orthogonal distances if the stretch has a standard deviation."""
         sigma, stress, y = self.sigma, history[STRESS], self.measured.columns[STRESS]
         off = (self.at_points(stress) - y) / sigma[STRESS]
         for k in np.unique(self.first) if sigma.get(STRETCH) else ():
@@ -84,7 +84,7 @@ class Specimen:
         return off
 
     def against(self, history: History) -> list[Comparison]:
-        """See `Data`."""
+        """See `FitData`."""
         name, stress = self.measured.x, history[STRESS]
         x, y = self.measured.columns[name], self.measured.columns[STRESS]
         slack = 0.01 * len(stress)  # noise may move a point beyond the end
@@ -113,7 +113,7 @@ class CouponPlan:
         where: tuple[str | int, ...] = ("tests", index, *key.split("."))
         return ConfigError(self.source.message(where, problem, "value"))
 
-    def _read(self, index: int, test: Test) -> Specimen:
+    def _read(self, index: int, test: Test) -> CouponTest:
         file = self.source.path.parent / Path(test.file).expanduser()
         if not file.is_file():
             raise self._error(index, "file", f"there is no file {file}")
@@ -165,7 +165,7 @@ class CouponPlan:
                 raise self._error(index, "file", problem)
             t, l, _ = coupon.refined(*corners, step)
             at, last = np.interp(x, t, np.arange(len(t))), np.full(len(x), len(t) - 1)
-            return Specimen(*own, coupon.Path(test.mode, t, l), at, 0 * last, last)
+            return CouponTest(*own, coupon.Path(test.mode, t, l), at, 0 * last, last)
         driven, rows = turns(stretch, sigmas[STRETCH])
         given = list(test.path) or driven
         t, l, states = coupon.refined(*_driven(given, test.rate), step)
@@ -181,7 +181,7 @@ class CouponPlan:
             (a, b), on = states[k : k + 2], slice(row, end)
             at[on] = a + (x[on] - l[a]) / (l[b] - l[a]) * (b - a)
             first[on], last[on], k = a, b, k + 1
-        return Specimen(*own, coupon.Path(test.mode, t, l), at, first, last)
+        return CouponTest(*own, coupon.Path(test.mode, t, l), at, first, last)
 
     def _one(
         self, index: int, test: Test, columns: dict[str, Array], kinds: dict[str, tuple[str, ...]],

@@ -15,7 +15,7 @@ from dealib.calibration.coupon_data import STRESS, STRETCH, TIME, CouponPlan
 from dealib.calibration.report import Fitted, Table, failures
 from dealib.calibration.search import blind, search
 from dealib.calibration.starts import starts
-from dealib.calibration.task import Found, Free, Task, Values
+from dealib.calibration.task import FitResult, Free, Task, Values
 from dealib.errors import ConfigError
 from dealib.materials import coupon
 from dealib.materials.laws import LAWS
@@ -36,12 +36,12 @@ class Tried:
     """
 
     candidate: Candidate
-    found: Found
+    found: FitResult
     stable: float
     failed: list[str]
 
 
-def criterion(found: Found, kind: str, points: float) -> float:
+def criterion(found: FitResult, kind: str, points: float) -> float:
     """Information criterion of a fit for noise of unknown size; the smaller the better.
 
     AICc: N. Sugiura, Commun. Stat. A 7, 13-26 (1978); BIC: G. Schwarz, Ann. Stat. 6, 461-464
@@ -126,7 +126,7 @@ def _fit(plan: CouponPlan, candidate: Candidate, near: Values) -> Tried | None:
     method = plan.coupon.method
     solve = functools.partial(candidate.solve, plan.specimens)
     points = sum(len(s.measured.columns[STRESS]) for s in plan.specimens)
-    best: Found | None = None
+    best: FitResult | None = None
     for free in starts(candidate, plan.specimens, near)[:_TRIED]:
         if len(free) + 2 >= points:
             return None
@@ -152,7 +152,7 @@ def use(plan: CouponPlan) -> float:
     return plan.coupon.material.stretch_max or largest
 
 
-def stability(candidate: Candidate, found: Found) -> float:
+def stability(candidate: Candidate, found: FitResult) -> float:
     """Stretch up to which the law alone is stable in all modes (see `stability_limit`)."""
     return min(stability_limit(candidate.fitted(found.values), mode) for mode in coupon.MODES)
 
@@ -236,8 +236,8 @@ def _notes(plan: CouponPlan, best: Tried, others: list[Tried], number: int) -> l
     return said
 
 
-def _draw(plan: CouponPlan, candidate: Candidate, found: Found, picture: Path) -> None:
-    from dealib.plots.coupon import Curve, draw_coupon
+def _draw(plan: CouponPlan, candidate: Candidate, found: FitResult, picture: Path) -> None:
+    from dealib.plots.coupon import CouponCurve, draw_coupon
 
     unit = candidate.unit
     scale = 1e3 if unit == "kPa" else 1.0
@@ -254,5 +254,5 @@ def _draw(plan: CouponPlan, candidate: Candidate, found: Found, picture: Path) -
         x_label = "Time (s)" if timed else "Stretch"
         label = f"{Path(s.title).name}, R² {c.r2:.4f}"
         path = np.stack([along, scale * stress])
-        curves.append(Curve(panel, label, x_label, c.x, scale * c.measured, off, path))
+        curves.append(CouponCurve(panel, label, x_label, c.x, scale * c.measured, off, path))
     draw_coupon(curves, f"{plan.coupon.name}: {candidate.label}", unit, picture)

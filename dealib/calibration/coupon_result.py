@@ -8,14 +8,14 @@ from pydantic import TypeAdapter, ValidationError
 
 from dealib.calibration.candidates import Candidate
 from dealib.calibration.coupon_data import CouponPlan
-from dealib.calibration.task import Found
+from dealib.calibration.task import FitResult
 from dealib.config.case import yaml_text
 from dealib.config.materials import Material
 
 Values = dict[str, Any]
 
 
-def material(plan: CouponPlan, candidate: Candidate, found: Found) -> Values:
+def material(plan: CouponPlan, candidate: Candidate, found: FitResult) -> Values:
     """Keys of a material in a config."""
     wanted, values, unit = plan.coupon.material, found.values, candidate.unit
 
@@ -74,7 +74,7 @@ def as_config(plan: CouponPlan, values: Values) -> str:
     return "\n".join([*head, yaml_text({"materials": {"film": values}})])
 
 
-def entry(plan: CouponPlan, candidate: Candidate, found: Found, values: Values) -> Values:
+def entry(plan: CouponPlan, candidate: Candidate, found: FitResult, values: Values) -> Values:
     """An entry of a library of materials."""
     ranges = [
         f"{s.path.mode} {s.path.stretch.min():.3g} to {s.path.stretch.max():.3g}"

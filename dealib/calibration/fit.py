@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dealib.calibration.cases import Cases, History, Wanted
+from dealib.calibration.cases import CaseRequest, Cases, History
 from dealib.calibration.reach import check_reach
 from dealib.calibration.report import Fitted
-from dealib.calibration.schema import Plan
+from dealib.calibration.schema import FitPlan
 from dealib.calibration.search import blind, search
 from dealib.calibration.task import Free, Series, Task, Values
 from dealib.config import Case, resolved
@@ -20,7 +20,7 @@ from dealib.design.slopes import known
 from dealib.errors import ConfigError, NotConverged
 
 
-def run_search(plan: Plan, cases: Cases, progress: Callable[[str], None]) -> Fitted:
+def run_search(plan: FitPlan, cases: Cases, progress: Callable[[str], None]) -> Fitted:
     """Fit the parameters.
 
     Args:
@@ -81,15 +81,15 @@ def run_search(plan: Plan, cases: Cases, progress: Callable[[str], None]) -> Fit
     return Fitted(fit.name, fit.description, found, before, notes, {}, best, draw)
 
 
-def _wanted(plan: Plan, index: int, case: Case, first: bool) -> Wanted:
+def _wanted(plan: FitPlan, index: int, case: Case, first: bool) -> CaseRequest:
     """What a case computes; derivatives only at the current point of the search (`first`)."""
     data = plan.fit.data[index]
     if data.spectrum:
-        return Wanted((data.spectrum, data.stage))
-    return Wanted(slopes=tuple(plan.fit.parameters) if first and known(case.config) else ())
+        return CaseRequest((data.spectrum, data.stage))
+    return CaseRequest(slopes=tuple(plan.fit.parameters) if first and known(case.config) else ())
 
 
-def _series(plan: Plan, index: int, history: History) -> Series:
+def _series(plan: FitPlan, index: int, history: History) -> Series:
     data = plan.fit.data[index]
     numeric = [name for name, values in history.items() if values.dtype.kind in "fi"]
     found = measured(plan.files[index], numeric, data)
@@ -97,7 +97,7 @@ def _series(plan: Plan, index: int, history: History) -> Series:
     return Series(data.file, found, _sigma(plan, index, found), data.weight, stage)
 
 
-def _sigma(plan: Plan, index: int, measured: Measured) -> dict[str, float]:
+def _sigma(plan: FitPlan, index: int, measured: Measured) -> dict[str, float]:
     """Standard deviations of the columns; of the abscissa only if it is given."""
     columns = {split_unit(name)[0]: name for name in (measured.x, *measured.curves)}
     given = plan.fit.data[index].sigma

@@ -8,7 +8,7 @@ from typing import Any
 import lmfit
 import numpy as np
 
-from dealib.calibration.task import Data, History, Task, Values
+from dealib.calibration.task import FitData, History, Task, Values
 from dealib.data.measured import Array
 from dealib.errors import NotConverged
 
@@ -138,7 +138,7 @@ def _moved(
     ]
 
 
-def _residual(series: Data, history: History | NotConverged) -> Array:
+def _residual(series: FitData, history: History | NotConverged) -> Array:
     if isinstance(history, NotConverged):
         x = series.measured.columns[series.measured.x]
         return np.full(len(series.measured.curves) * len(x), FAILED)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dealib.calibration.reach import LEAST, inside, mirrored
-from dealib.calibration.task import Found
+from dealib.calibration.task import FitResult
 from dealib.data.names import split_unit
 from dealib.files import write_text
 
@@ -51,7 +51,7 @@ class Fitted:
 
     name: str
     description: str
-    found: Found
+    found: FitResult
     before: list[str]
     notes: list[str]
     tables: dict[str, Table]
@@ -101,7 +101,7 @@ def headline(fitted: Fitted) -> str:
     return "NO SUCCESS: " + " ".join(failed) if failed else "the fit succeeded"
 
 
-def failures(found: Found) -> list[str]:
+def failures(found: FitResult) -> list[str]:
     """Why a fit is no success; empty if it is one."""
     said = []
     if not found.converged:
@@ -121,7 +121,7 @@ def failures(found: Found) -> list[str]:
     return said
 
 
-def parameters(found: Found, exact: bool = False) -> Table:
+def parameters(found: FitResult, exact: bool = False) -> Table:
     """Best values with their intervals."""
     level = f"{found.task.confidence:.0%}"
     head = ("parameter", "value", "standard error", f"{level} low", f"{level} high", "unit")
@@ -135,7 +135,7 @@ def parameters(found: Found, exact: bool = False) -> Table:
     ]
 
 
-def correlation(found: Found) -> Table:
+def correlation(found: FitResult) -> Table:
     """Correlation of the parameters."""
     keys = [e.key for e in found.estimates]
     last = [key.rpartition(".")[2] for key in keys]
@@ -147,7 +147,7 @@ def correlation(found: Found) -> Table:
     return ("", *heads), rows
 
 
-def quality(found: Found) -> Table:
+def quality(found: FitResult) -> Table:
     """RMSE and R2 of each curve, and its noise."""
     rows: list[Sequence[str]] = []
     for series, comparisons, noise in zip(

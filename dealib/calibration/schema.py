@@ -127,7 +127,7 @@ class Fit(Section):
         return os.path.expanduser(self.output.directory or f"runs/{self.name}")
 
 
-class Plan:
+class FitPlan:
     """A validated fit and what it refers to.
 
     Args:

@@ -12,7 +12,7 @@ from scipy.stats import t as student
 
 from dealib.calibration.objective import FAILED, Objective, short
 from dealib.calibration.statistics import Uncertainty, directions, uncertainty
-from dealib.calibration.task import Data, Estimate, Found, Task
+from dealib.calibration.task import Estimate, FitData, FitResult, Task
 from dealib.data.measured import Array
 from dealib.errors import NotConverged
 
@@ -32,7 +32,7 @@ def _minimizer(objective: Objective, tolerance: float, evaluations: int) -> Any:
     )
 
 
-def search(task: Task, progress: Callable[[str], None] = lambda line: None) -> Found:
+def search(task: Task, progress: Callable[[str], None] = lambda line: None) -> FitResult:
     """Find the parameters.
 
     Args:
@@ -53,7 +53,7 @@ def search(task: Task, progress: Callable[[str], None] = lambda line: None) -> F
     rest = iter(found.noise)
     size = np.sqrt(np.nanmax([*found.inflation, 1e-300]))
     message = " ".join(str(result.message).split())
-    return Found(
+    return FitResult(
         task,
         _estimates(objective, numbers, float(r @ r), J, found),
         _correlation(found.covariance),
@@ -103,7 +103,7 @@ def unseen(task: Task, J: Array, numbers: Array) -> list[str]:
     return found
 
 
-def _blocks(series: Sequence[Data]) -> list[slice]:
+def _blocks(series: Sequence[FitData]) -> list[slice]:
     sizes = [len(s.measured.columns[s.measured.x]) for s in series for _ in s.measured.curves]
     ends = np.cumsum([0, *sizes])
     return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import brentq, least_squares, lsq_linear
 
 from dealib.calibration.candidates import Candidate
-from dealib.calibration.coupon_data import STRESS, TIME, Specimen
+from dealib.calibration.coupon_data import STRESS, TIME, CouponTest
 from dealib.calibration.task import Free, Values
 from dealib.data.measured import Array
 from dealib.errors import NotConverged
@@ -28,7 +28,7 @@ _OGDEN: dict[int, list[tuple[float, ...]]] = {
 
 
 def starts(
-    candidate: Candidate, specimens: Sequence[Specimen], near: Values
+    candidate: Candidate, specimens: Sequence[CouponTest], near: Values
 ) -> list[dict[str, Free]]:
     """Start values of searches, the best first.
 
@@ -55,7 +55,7 @@ def starts(
     return [free for _, free in sorted(found, key=lambda pair: pair[0])]
 
 
-def _shapes(candidate: Candidate, specimens: Sequence[Specimen]) -> Iterator[Values]:
+def _shapes(candidate: Candidate, specimens: Sequence[CouponTest]) -> Iterator[Values]:
     """Values of the law's other parameters: exponents, or limits above the largest stretch."""
     if candidate.terms:
         for exponents in _OGDEN[candidate.terms]:
@@ -66,7 +66,7 @@ def _shapes(candidate: Candidate, specimens: Sequence[Specimen]) -> Iterator[Val
         yield {n: f * v for (n, v), f in zip(limits.items(), factors, strict=True)}
 
 
-def limit(candidate: Candidate, name: str, specimens: Sequence[Specimen]) -> float:
+def limit(candidate: Candidate, name: str, specimens: Sequence[CouponTest]) -> float:
     """The value of a limit parameter at which the law locks at the largest stretch of the tests."""
     if not candidate.law.locks:  # not a limit: start near the example of the schema
         return float((candidate.law.model_fields[name].examples or [1.0])[0]) / 10
@@ -85,7 +85,7 @@ def limit(candidate: Candidate, name: str, specimens: Sequence[Specimen]) -> flo
     return found
 
 
-def _span(specimens: Sequence[Specimen]) -> tuple[float, float]:
+def _span(specimens: Sequence[CouponTest]) -> tuple[float, float]:
     """Shortest and longest times in the tests, s."""
     times = [s.path.time[np.isfinite(s.path.time)] for s in specimens]
     long = [float(t[-1]) for t in times if len(t) > 1]
@@ -96,7 +96,7 @@ def _span(specimens: Sequence[Specimen]) -> tuple[float, float]:
     return min(short, default=1.0), max(long, default=1.0)
 
 
-def _times(candidate: Candidate, specimens: Sequence[Specimen], near: Values) -> Iterator[Values]:
+def _times(candidate: Candidate, specimens: Sequence[CouponTest], near: Values) -> Iterator[Values]:
     n = candidate.branches
     keys = [f"branches.{k}.relaxation_time" for k in range(n)]
     if n == 0 or all(key in near for key in keys):
@@ -109,7 +109,7 @@ def _times(candidate: Candidate, specimens: Sequence[Specimen], near: Values) ->
 
 
 def _projected(
-    candidate: Candidate, specimens: Sequence[Specimen], given: Values
+    candidate: Candidate, specimens: Sequence[CouponTest], given: Values
 ) -> tuple[float, Values]:
     """Best parameters without softening near given shapes and times, and the sum of squares."""
     free = {key: f for key, f in _free(candidate, specimens, given).items() if key in given}
@@ -136,7 +136,7 @@ def _projected(
 
 
 def _linear(
-    candidate: Candidate, specimens: Sequence[Specimen], sets: Sequence[Values]
+    candidate: Candidate, specimens: Sequence[CouponTest], sets: Sequence[Values]
 ) -> list[tuple[Array, Values]]:
     """Residuals of the best moduli at given shapes and times, and all values."""
     branches = [f"branches.{k}.shear_modulus" for k in range(candidate.branches)]
@@ -171,7 +171,7 @@ def _linear(
     return out
 
 
-def _squares(candidate: Candidate, specimens: Sequence[Specimen], values: Values) -> float:
+def _squares(candidate: Candidate, specimens: Sequence[CouponTest], values: Values) -> float:
     histories = candidate.solve(specimens, [values])[0]
     off = [
         np.array([np.inf]) if isinstance(h, NotConverged) else s.weight * s.residual(h)
@@ -180,7 +180,7 @@ def _squares(candidate: Candidate, specimens: Sequence[Specimen], values: Values
     return float(sum(r @ r for r in off))
 
 
-def _peak(candidate: Candidate, specimens: Sequence[Specimen], values: Values) -> float:
+def _peak(candidate: Candidate, specimens: Sequence[CouponTest], values: Values) -> float:
     """Largest energy density of the law in the tests, in `unit`."""
     p = candidate.material(values | _neutral(candidate)).p
     W = [coupon.energy(candidate.law, p, s.path.mode, s.path.stretch)[0].max() for s in specimens]
@@ -194,7 +194,7 @@ def _neutral(candidate: Candidate) -> Values:
 
 
 def _softening(
-    candidate: Candidate, specimens: Sequence[Specimen], values: Values
+    candidate: Candidate, specimens: Sequence[CouponTest], values: Values
 ) -> Iterator[Values]:
     if not (candidate.mullins or candidate.set):
         yield {}
@@ -208,7 +208,7 @@ def _softening(
         yield soft
 
 
-def _free(candidate: Candidate, specimens: Sequence[Specimen], values: Values) -> dict[str, Free]:
+def _free(candidate: Candidate, specimens: Sequence[CouponTest], values: Values) -> dict[str, Free]:
     """The parameters with their bounds."""
     size = sum(abs(v) for k, v in values.items() if k in candidate.moduli or "shear" in k)
     short, long = _span(specimens)

@@ -57,7 +57,7 @@ class Free:
         return 1.0 if self.log else max(abs(number), spread)
 
 
-class Data(Protocol):
+class FitData(Protocol):
     """Curves of one file, and how a history is compared with them."""
 
     @property
@@ -85,7 +85,7 @@ class Data(Protocol):
 
 @dataclass(frozen=True)
 class Series:
-    """Curves of one file that are compared with a run (see `Data`).
+    """Curves of one file that are compared with a run (see `FitData`).
 
     Attributes:
         title: Name in reports.
@@ -102,7 +102,7 @@ class Series:
     stage: str | None
 
     def residual(self, history: History) -> Array:
-        """See `Data`; orthogonal distances where the abscissa has a standard deviation."""
+        """See `FitData`; orthogonal distances where the abscissa has a standard deviation."""
         parts = []
         for c in self.against(history):
             sigma_x, sigma_y = self.sigma.get(c.x_name, 0.0), self.sigma[c.y_name]
@@ -114,7 +114,7 @@ class Series:
         return np.concatenate(parts)
 
     def against(self, history: History) -> list[Comparison]:
-        """See `Data`."""
+        """See `FitData`."""
         # extrapolated, because the number of residuals must not change during the search
         return compare(history, self.measured, self.stage, extrapolate=True)
 
@@ -138,7 +138,7 @@ class Task:
     """
 
     free: dict[str, Free]
-    series: Sequence[Data]
+    series: Sequence[FitData]
     solve: Callable[[list[Values]], list[list[History | NotConverged]]]
     difference: float
     tolerance: float
@@ -176,7 +176,7 @@ class Estimate:
 
 
 @dataclass(frozen=True)
-class Found:
+class FitResult:
     """The result of a search.
 
     Attributes:

@@ -10,7 +10,7 @@ import typer
 
 from dealib.cli.compare import aligned, chosen
 from dealib.data.read import read
-from dealib.data.table import Table
+from dealib.data.table import DataTable
 from dealib.errors import ConfigError
 
 _DRAWN = 12  # largest number of columns in the picture
@@ -47,7 +47,7 @@ def show(
         typer.echo(str(picture))
 
 
-def described(table: Table) -> list[str]:
+def described(table: DataTable) -> list[str]:
     """A table of the columns: unit, count of numbers, first, smallest and largest value."""
     rows = [("column", "unit", "numbers", "first", "least", "largest")]
     for c in table.columns:

@@ -9,7 +9,7 @@ import typer
 
 from dealib.cli.run import explained, watched
 from dealib.config.case import Case
-from dealib.results.tables import Tables
+from dealib.results.tables import DeviceTables
 from dealib.tasks.solving import export_tables
 
 
@@ -22,12 +22,14 @@ def export(case: Case, out: Path | None, *, fmu: bool, overwrite: bool, resume: 
     typer.echo(_interpolation_error(tables))
 
 
-def _interpolation_error(tables: Tables) -> str:
+def _interpolation_error(tables: DeviceTables) -> str:
     """Estimate of the error between the nodes, by comparison with every other node alone."""
     grids = list(tables.axes.values())
     if any(len(grid) < 5 or len(grid) % 2 == 0 for grid in grids):
         return "an odd number of points, at least 5, on each axis would show the error between them"
-    coarse = Tables({n: a[(slice(None, None, 2),) * a.ndim] for n, a in tables.plain().items()})
+    coarse = DeviceTables(
+        {n: a[(slice(None, None, 2),) * a.ndim] for n, a in tables.plain().items()}
+    )
     nodes = np.meshgrid(*((grid[1:] + grid[:-1]) / 2 for grid in grids), indexing="ij")
     errors = []
     for name, values in tables.duals.items():

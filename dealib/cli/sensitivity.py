@@ -10,7 +10,7 @@ from mpi4py import MPI
 import typer
 
 from dealib.config.case import Case
-from dealib.design.sensitivity import Found, find
+from dealib.design.sensitivity import Sensitivities, find
 from dealib.errors import ConfigError, in_the_way
 from dealib.files import guarded
 from dealib.results import spectra
@@ -55,7 +55,7 @@ def _draw(path: Path, case: Case) -> Path:
     return target
 
 
-def told(found: Found) -> Iterator[str]:
+def told(found: Sensitivities) -> Iterator[str]:
     """A table for each quantity, with the largest sensitivity first."""
     width = max([3, *(len(row["key"]) for row in found.rows)])
     for name, value in found.values.items():

@@ -133,9 +133,9 @@ def check(config: ConfigFile, set: Set = None) -> None:
 
     if not set and "variables" in Source(config).tree:
         from dealib.design.goals import goals
-        from dealib.design.plan import Plan
+        from dealib.design.plan import DesignPlan
 
-        plan = Plan(config)
+        plan = DesignPlan(config)
         if plan.design.maximise or plan.design.minimise:
             goals(plan)
         typer.echo(f"{config}: valid; {plan.name}: {', '.join(plan.design.variables)}")

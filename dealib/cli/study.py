@@ -12,7 +12,7 @@ import typer
 from dealib.cases.cache import DONE, Cache
 from dealib.errors import ConfigError, DealibError, Interrupted, NotConverged
 from dealib.study import sweep
-from dealib.study.plan import Plan
+from dealib.study.plan import StudyPlan
 from dealib.study.sweep import CaseStatus
 from dealib.tasks.jobs import watcher
 from dealib.tasks.studies import made, read, results, solve
@@ -48,7 +48,7 @@ def run_sweep(path: Path, out: Path | None, cache: Path, jobs: int | None, retry
 
 
 def _sweep(
-    plans: list[Plan],
+    plans: list[StudyPlan],
     folder: Path,
     store: Cache,
     jobs: int | None,

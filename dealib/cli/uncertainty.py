@@ -9,9 +9,9 @@ import typer
 
 from dealib.cases.job import Ended, Job
 from dealib.cases.workers import Pool, cores
-from dealib.design.plan import Plan
+from dealib.design.plan import DesignPlan
 from dealib.design.propagation import TRUSTED, Probability
-from dealib.design.uncertainty import Tables, find
+from dealib.design.uncertainty import UncertaintyTables, find
 from dealib.errors import ConfigError, Interrupted, in_the_way
 from dealib.files import guarded
 from dealib.results import spectra
@@ -33,7 +33,7 @@ def find_uncertainty(
     """
     from dealib.plots import style, uncertainty
 
-    plan = Plan(path)
+    plan = DesignPlan(path)
     given = plan.design.output.directory
     directory = out or Path(given or f"runs/{plan.name}-uncertainty")
     summary = directory / spectra.SUMMARY
@@ -64,7 +64,7 @@ def find_uncertainty(
     typer.echo("\n".join([*told(found), *map(str, (*files, picture))]))
 
 
-def told(found: Tables) -> Iterator[str]:
+def told(found: UncertaintyTables) -> Iterator[str]:
     """Intervals, Sobol indices and probabilities, each with its 95 % error."""
     for row in (r for r in found.summary if "mean" in r):
         value = {n[:-6]: f"{neat(row[n[:-6]])} ± {row[n]:.2g}" for n in row if n.endswith("_error")}

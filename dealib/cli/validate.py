@@ -20,7 +20,7 @@ from dealib.validation import suite
 from dealib.validation.definition import NoBenchmark
 from dealib.validation.page import KINDS, good, number, page, tally
 from dealib.validation.rows import LACKING, OUTSIDE, WITHIN, Row, against, others
-from dealib.validation.suite import Found
+from dealib.validation.suite import BenchmarkResult
 from dealib.versions import version_line
 
 _WIDTH = 150  # characters of the table's width if the output is not a terminal
@@ -80,7 +80,7 @@ def run_validation(
         raise OutsideTolerance("\n".join([head, *wrong]))
 
 
-def _write(found: Sequence[Found], rows: Sequence[Row], out: Path, code: str) -> None:
+def _write(found: Sequence[BenchmarkResult], rows: Sequence[Row], out: Path, code: str) -> None:
     """Print the table; write it as CSV, JSON and an HTML page, and print these files."""
     import pandas as pd
 
@@ -99,7 +99,7 @@ def _write(found: Sequence[Found], rows: Sequence[Row], out: Path, code: str) ->
         typer.echo(str(out / f"{stem}.{suffix}"))
 
 
-def _pictures(found: Sequence[Found]) -> dict[str, str]:
+def _pictures(found: Sequence[BenchmarkResult]) -> dict[str, str]:
     pictures = {}
     for one in found:
         if one.results is not None and (drawn := draw_panels(one.results)) is not None:

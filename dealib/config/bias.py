@@ -35,7 +35,7 @@ else:
     Anchor = course(Length, "anchor")
 
 
-class Load(Protocol):
+class BiasLoad(Protocol):
     """A force on the mount that depends on its displacement."""
 
     def load(self, x: float) -> tuple[float, float]:
@@ -58,7 +58,7 @@ class Spring(Section):
     )
 
     def load(self, x: float) -> tuple[float, float]:
-        """See `Load`."""
+        """See `BiasLoad`."""
         return -self.stiffness * x, -self.stiffness
 
 
@@ -70,7 +70,7 @@ class Bistable(Section):
     anchor: Anchor = Field(description="displacement of the mount at its unstable centre")
 
     def load(self, x: float) -> tuple[float, float]:
-        """See `Load`."""
+        """See `BiasLoad`."""
         s = (x / self.well) ** 2
         return -self.rate * x * (1 - s), -self.rate * (1 - 3 * s)
 
@@ -93,7 +93,7 @@ class Sampled(Section):
         return self.displacement[0], self.displacement[-1]
 
     def load(self, x: float) -> tuple[float, float]:
-        """See `Load`."""
+        """See `BiasLoad`."""
         first, last = self.reach
         inside = min(max(x, first), last)
         slope = float(self._curve(inside, 1))

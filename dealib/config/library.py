@@ -16,7 +16,7 @@ from dealib.config.source import Source
 from dealib.config.text import dump, load
 from dealib.errors import ConfigError, ValueAt, did_you_mean
 from dealib.materials.laws import LAWS
-from dealib.materials.published import OWN, Entry
+from dealib.materials.published import OWN, PublishedMaterial
 from dealib.reading import no_file
 from dealib.section import Section
 
@@ -47,14 +47,17 @@ class _Library(RootModel[dict[Name, Own]]):
     """Materials by name."""
 
 
-def read_library(path: Path) -> dict[str, Entry]:
+def read_library(path: Path) -> dict[str, PublishedMaterial]:
     """The materials of a file, by name.
 
     Raises:
         ConfigError: If the file is not a valid library; with the place of each mistake.
     """
     found = validate(_Library, Source(path)).root
-    return {name: Entry(own.description, own.source, own.values) for name, own in found.items()}
+    return {
+        name: PublishedMaterial(own.description, own.source, own.values)
+        for name, own in found.items()
+    }
 
 
 @contextmanager

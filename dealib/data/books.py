@@ -17,7 +17,7 @@ from dealib.data.decode import LARGEST
 from dealib.data.lines import choose, is_row
 from dealib.data.matfile import HDF5
 from dealib.data.names import parted
-from dealib.data.table import Column, Table, assemble
+from dealib.data.table import DataColumn, DataTable, assemble
 from dealib.errors import ConfigError, did_you_mean
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ _OTHERS = {
 }
 
 
-def read_book(path: Path, data: bytes, wanted: Format) -> Table | None:
+def read_book(path: Path, data: bytes, wanted: Format) -> DataTable | None:
     """Read a spreadsheet or a MAT file; None if the file is neither.
 
     Args:
@@ -53,7 +53,7 @@ def read_book(path: Path, data: bytes, wanted: Format) -> Table | None:
     return None
 
 
-def _spreadsheet(path: Path, data: bytes, wanted: Format) -> Table:
+def _spreadsheet(path: Path, data: bytes, wanted: Format) -> DataTable:
     from python_calamine import CalamineWorkbook
 
     try:
@@ -102,7 +102,7 @@ def _sheet(
     rows: list[list[Any]],
     flags: tuple[Any, Any],
     wanted: Format,
-) -> Table:
+) -> DataTable:
     import pandas as pd
 
     start, stop, told = choose(path, *flags, wanted.table)
@@ -158,7 +158,7 @@ def _plain(cell: Any) -> Any:
     return float(cell)
 
 
-def _mat(path: Path, wanted: Format) -> Table:
+def _mat(path: Path, wanted: Format) -> DataTable:
     # in another process, because scipy crashes on some damaged files
     command = [sys.executable, "-m", "dealib.data.matfile", str(path)]
     done = subprocess.run(command, capture_output=True, check=False)
@@ -167,7 +167,7 @@ def _mat(path: Path, wanted: Format) -> Table:
         raise ConfigError(f"{path}: cannot be read as a MAT file: {(said or ['damaged'])[0]}")
     with np.load(io.BytesIO(done.stdout), allow_pickle=False) as stored:
         arrays = {str(name): stored[f"arr_{i}"] for i, name in enumerate(stored["names"])}
-    columns: dict[int, list[Column]] = {}
+    columns: dict[int, list[DataColumn]] = {}
     for name, values in arrays.items():
         if wanted.sheet is not None and wanted.sheet not in (name, name.split(".")[0]):
             continue
@@ -176,7 +176,7 @@ def _mat(path: Path, wanted: Format) -> Table:
             header = name if wide.ndim == 1 else f"{name} {i}"
             numbers = np.where(np.isfinite(column), column, np.nan)
             empty = int(np.isnan(numbers).sum())
-            columns.setdefault(len(column), []).append(Column(*parted(header), numbers, empty))
+            columns.setdefault(len(column), []).append(DataColumn(*parted(header), numbers, empty))
     tables = {n: found for n, found in columns.items() if len(found) > 1}
     if not tables:
         known = ", ".join(arrays) or "none"
@@ -193,4 +193,4 @@ def _mat(path: Path, wanted: Format) -> Table:
     rows, found = list(tables.items())[(wanted.table or 1) - 1]
     left = sum(len(others) for n, others in columns.items() if n != rows)
     told = [f"{left} of other lengths left out"] if left else []
-    return Table(path, tuple(found), ("MAT file", f"{rows} rows", *told))
+    return DataTable(path, tuple(found), ("MAT file", f"{rows} rows", *told))

@@ -14,7 +14,7 @@ from dealib.data.names import plain, split_unit
 from dealib.data.prepare import Columns, averaged, prepare, resampled
 from dealib.data.read import read
 from dealib.data.schema import Selection
-from dealib.data.table import Column, Table
+from dealib.data.table import DataColumn, DataTable
 from dealib.errors import ConfigError, did_you_mean
 from dealib.units import convert
 
@@ -101,7 +101,7 @@ def measured(path: str | Path, history: Iterable[str], wanted: Selection | None 
     return Measured(path, first, columns, "; ".join(notes), turn)
 
 
-def _taken(table: Table, known: dict[str, str], wanted: Selection) -> dict[str, Column]:
+def _taken(table: DataTable, known: dict[str, str], wanted: Selection) -> dict[str, DataColumn]:
     """Columns of the file by quantity, in the order of the file."""
     if wanted.columns is not None:
         for quantity in wanted.columns:

@@ -6,14 +6,14 @@ from pathlib import Path
 
 from dealib.data.decode import as_utf8, load
 from dealib.data.schema import Format
-from dealib.data.table import Table
+from dealib.data.table import DataTable
 
 
-def read(path: str | Path, wanted: Format | None = None) -> Table:
+def read(path: str | Path, wanted: Format | None = None) -> DataTable:
     """Read the table of a text file, a spreadsheet (XLSX, XLS, ODS) or a MAT file.
 
     Encoding, delimiter, decimal mark, header and units are recognised from all rows of the file;
-    `Table.account` says how it was read.
+    `DataTable.account` says how it was read.
 
     Args:
         path: The file.

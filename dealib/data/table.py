@@ -22,7 +22,7 @@ Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Column:
+class DataColumn:
     """A column of numbers.
 
     Attributes:
@@ -56,7 +56,7 @@ class Column:
 
 
 @dataclass(frozen=True, repr=False)
-class Table:
+class DataTable:
     """The table of a file.
 
     Attributes:
@@ -66,7 +66,7 @@ class Table:
     """
 
     path: Path
-    columns: tuple[Column, ...]
+    columns: tuple[DataColumn, ...]
     notes: tuple[str, ...]
 
     @property
@@ -89,7 +89,7 @@ class Table:
         """Names and units of all columns."""
         return [c.header for c in self.columns]
 
-    def find(self, header: str) -> Column:
+    def find(self, header: str) -> DataColumn:
         """A column by its header, or by its name alone.
 
         'Load [N]' also finds a column 'Load' without a unit in the file, and gives it this unit.
@@ -123,7 +123,7 @@ def assemble(
     decimal: str,
     line: Callable[[int], str],
     notes: Sequence[str],
-) -> Table:
+) -> DataTable:
     """A table from the rows above its numbers and its cells.
 
     Args:
@@ -139,7 +139,7 @@ def assemble(
     """
     named = headers(above, frame.shape[1])
     width = max((len(row) for row in above), default=frame.shape[1])
-    columns: list[Column] = []
+    columns: list[DataColumn] = []
     notes, texts = list(notes), []
     for i, header in enumerate(named):
         cells = frame[frame.columns[i]]
@@ -164,16 +164,16 @@ def assemble(
             raise ConfigError(f"{where}: {text!r} is no number{mark}")
         notes += [f"{header[0]}: {found.note}"] if found.note else []
         unit = found.unit or header[1]
-        columns.append(Column(header[0], unit, found.values, found.empty, found.overload))
+        columns.append(DataColumn(header[0], unit, found.values, found.empty, found.overload))
     if texts:
         notes.append(f"text left out: {_listed(texts)}")
     for what in ("empty", "overload"):
         if count := sum(getattr(c, what) for c in columns):
             notes.append(f"{count} {what} cell{'s' * (count > 1)}")
-    return Table(path, tuple(columns), tuple(notes))
+    return DataTable(path, tuple(columns), tuple(notes))
 
 
-def _gives_units(columns: list[Column], words: pd.Series[Any]) -> bool:
+def _gives_units(columns: list[DataColumn], words: pd.Series[Any]) -> bool:
     """Whether a column of words holds units for the column before it, which then gets them."""
     column, units = columns[-1], [str(w).strip() for w in words.fillna("")]
     kinds = {u for u in units if u}

@@ -28,7 +28,7 @@ from dealib.data.lines import (
     split,
     without_notes,
 )  # fmt: skip
-from dealib.data.table import Table, assemble
+from dealib.data.table import DataTable, assemble
 from dealib.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from dealib.data.schema import Format
 
 
-def read_text(path: Path, data: bytes, wanted: Format, notes: Sequence[str]) -> Table:
+def read_text(path: Path, data: bytes, wanted: Format, notes: Sequence[str]) -> DataTable:
     """Read the table of a text file.
 
     Args:

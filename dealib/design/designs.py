@@ -17,7 +17,7 @@ from dealib.cases.workers import Pool
 from dealib.design import evaluate
 from dealib.design.evaluate import Evaluation
 from dealib.design.goals import Goals
-from dealib.design.plan import Plan, Point
+from dealib.design.plan import DesignPlan, Point
 from dealib.design.search import Oracle, Seen
 from dealib.errors import ConfigError, PlatformError
 from dealib.reading import shown
@@ -56,7 +56,7 @@ class Designs:
     """
 
     def __init__(
-        self, plan: Plan, goals: Goals, folder: Path, jobs: int, tell: Callable[[str], None]
+        self, plan: DesignPlan, goals: Goals, folder: Path, jobs: int, tell: Callable[[str], None]
     ) -> None:
         self.plan, self.goals, self.folder, self._tell = plan, goals, folder, tell
         self.seen: list[Evaluated] = []
@@ -204,7 +204,7 @@ class Designs:
         return [0.0] * len(found.values)
 
 
-def as_model(plan: Plan, model: str) -> dict[str, Any]:
+def as_model(plan: DesignPlan, model: str) -> dict[str, Any]:
     """Changes of the config that make it a solid, or a membrane without air."""
     if model == plan.config.physics.model:
         return {}

@@ -16,7 +16,7 @@ import numpy as np
 
 from dealib.design.designs import Designs, Evaluated, as_model
 from dealib.design.goals import Aim, Limit
-from dealib.design.plan import Plan, Point
+from dealib.design.plan import DesignPlan, Point
 from dealib.design.search import Best, Oracle, descend, ranked
 from dealib.errors import ConfigError
 from dealib.results.elements import Array
@@ -172,7 +172,7 @@ def _single(models: _Models, aim: Aim, limits: Sequence[Limit]) -> None:
     models.settle(aim, limits, best)
 
 
-def _choices(plan: Plan) -> list[Point]:
+def _choices(plan: DesignPlan) -> list[Point]:
     """All combinations of the choices."""
     chosen = {n: list(v.changes) for n, v in plan.design.variables.items() if v.choices is not None}
     return [

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from dealib.config.source import Path_
-from dealib.design.plan import Plan
+from dealib.design.plan import DesignPlan
 from dealib.study.expressions import OF_A_HISTORY, Expression
 
 _SIGNS = {ast.LtE: 1, ast.Lt: 1, ast.GtE: -1, ast.Gt: -1}
@@ -66,7 +66,7 @@ class Goals:
         return min((limit.slack(values) for limit in self.limits), default=0.0)
 
 
-def goals(plan: Plan, searched: bool = True) -> Goals:
+def goals(plan: DesignPlan, searched: bool = True) -> Goals:
     """The goals of a design.
 
     Args:
@@ -119,7 +119,7 @@ def goals(plan: Plan, searched: bool = True) -> Goals:
     return Goals(asked, tuple(aims), tuple(limits))
 
 
-def _comparisons(plan: Plan, text: str, where: Path_) -> list[tuple[str, int, str]]:
+def _comparisons(plan: DesignPlan, text: str, where: Path_) -> list[tuple[str, int, str]]:
     """Left side, sign and right side of each comparison; the sign is 1 for <=, -1 for >=."""
     try:
         node = ast.parse(text.strip(), mode="eval").body
@@ -133,7 +133,7 @@ def _comparisons(plan: Plan, text: str, where: Path_) -> list[tuple[str, int, st
     return list(zip(sides[:-1], signs, sides[1:], strict=True))
 
 
-def _constant(plan: Plan, text: str, where: Path_) -> float | None:
+def _constant(plan: DesignPlan, text: str, where: Path_) -> float | None:
     """Value of an expression that is equal for all designs; None for other expressions."""
     found = Expression(plan.expression(text, where), OF_A_HISTORY)
     try:

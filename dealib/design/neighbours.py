@@ -25,7 +25,7 @@ class Side:
 
 
 @dataclass(frozen=True)
-class Pair:
+class DifferencePair:
     """A number with its changed configs: larger and, for central differences, smaller."""
 
     key: Key
@@ -62,7 +62,7 @@ class Neighbours:
     ) -> None:
         self._base, self._needed, self.left_out = base, needed, dict[str, str]()
         sources = Sources(base.engine.problem)
-        self.pairs: list[Pair] = []
+        self.pairs: list[DifferencePair] = []
         for key in chosen:
             try:
                 signs = (1, -1) if both else (1,)
@@ -72,7 +72,7 @@ class Neighbours:
                     raise ConfigError(f"{key.name}: {error}") from None
                 self.left_out[key.name] = str(error)
                 continue
-            self.pairs.append(Pair(key, sides))
+            self.pairs.append(DifferencePair(key, sides))
 
     def _side(self, sources: Sources, key: Key, factor: float) -> Side:
         base = self._base

@@ -19,7 +19,7 @@ from dealib.config.schema import Config
 from dealib.design.designs import DESIGNS, Designs, Evaluated, as_model
 from dealib.design.explore import best_of, explore
 from dealib.design.goals import Aim, Goals, Limit, goals
-from dealib.design.plan import Plan
+from dealib.design.plan import DesignPlan
 from dealib.design.search import scale
 from dealib.errors import ConfigError, Interrupted, by_caller
 from dealib.files import guarded, write_text
@@ -48,7 +48,7 @@ class Optimum:
         directory: Directory of the results.
     """
 
-    plan: Plan
+    plan: DesignPlan
     goals: Goals
     designs: list[dict[str, Any]]
     best: Evaluated | None
@@ -92,7 +92,7 @@ def optimise(
         ConfigError: If the file is wrong.
         Interrupted: With what is kept and how to continue.
     """
-    plan = Plan(Path(path))
+    plan = DesignPlan(Path(path))
     asked = goals(plan)
     given = out or plan.design.output.directory or f"runs/{plan.name}-optimum"
     directory = Path(given).expanduser()
@@ -150,7 +150,7 @@ def pareto(found: Sequence[Evaluated], aims: Sequence[Aim]) -> list[Evaluated]:
     return [found[k] for k in order[size[order, 1] < least]]
 
 
-def _write(path: Path, plan: Plan, best: Evaluated, model: str) -> None:
+def _write(path: Path, plan: DesignPlan, best: Evaluated, model: str) -> None:
     """Write the config of a design: the base with changes and comments, if that reads the same."""
     case = plan.case(best.point, **as_model(plan, model))
     name = f"{plan.name}-best"

@@ -20,7 +20,7 @@ from dealib.units import convert
 Point = dict[str, float | str]  # by variable: a number in its unit, or the label of a choice
 
 
-class Plan:
+class DesignPlan:
     """A validated design with its base config.
 
     Attributes:

@@ -28,7 +28,7 @@ TRUSTED = 0.9  # explained share of the variance above which the process replace
 Told = dict[str, tuple[float, float]]  # a number and the half width of its 95 % interval
 
 
-class Known(NamedTuple):
+class OutputStatistics(NamedTuple):
     """Statistics of a quantity.
 
     Attributes:
@@ -109,7 +109,7 @@ class Samples:
         count = int((~self.solved).sum())
         return Probability.of(len(self.x), count, count, count)
 
-    def known(self, name: str) -> Known:
+    def known(self, name: str) -> OutputStatistics:
         """Statistics of a quantity."""
         x, y, smooth = self._known(name)
         trusted, group = smooth.explained >= TRUSTED, np.arange(len(y)) % _GROUPS
@@ -127,7 +127,7 @@ class Samples:
         names = ["mean", "deviation", *(f"q{100 * q:g}" for q in self._levels)]
         found = iter(zip(best.tolist(), error.tolist(), strict=True))
         of = (dict(zip(n, found, strict=False)) for n in (names, *[self.joint.names] * 2))
-        return Known(smooth.explained, *of)
+        return OutputStatistics(smooth.explained, *of)
 
     def beyond(self, name: str, bound: float, sign: int) -> Probability:
         """Probability that a quantity exceeds a bound, or has no result.

@@ -27,7 +27,7 @@ from dealib.fem.reuse import Reuse
 from dealib.program.simulation import Simulation
 from dealib.program.work import LOST, STORED
 from dealib.study.expressions import Expression
-from dealib.study.rows import Rows
+from dealib.study.rows import StageRows
 from dealib.study.scope import of_history, stages, traced
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ STEP, _ROUGH = 1e-5, 1e-4  # relative change of a number: of central, of one-sid
 
 
 @dataclass
-class Found:
+class Sensitivities:
     """Sensitivities of a config.
 
     Attributes:
@@ -92,7 +92,7 @@ def find(
     comm: MPI.Comm = MPI.COMM_WORLD,
     rough: bool = False,
     reuse: Reuse | None = None,
-) -> Found:
+) -> Sensitivities:
     """Values and sensitivities of quantities (collective); see `sensitivities`.
 
     Args:
@@ -136,7 +136,7 @@ def find(
             numbers = {"derivative": float(slope), "logarithmic": float(logarithmic)}
             found.append({"quantity": name, "key": k.name, "value": k.value, "unit": k.unit})
             found[-1] |= numbers
-    return Found(values, found, near.left_out)
+    return Sensitivities(values, found, near.left_out)
 
 
 def as_function_of_state(config: Config) -> Config:
@@ -228,7 +228,7 @@ class _Quantities:
             ConfigError: If the value is not a number.
         """
         columns = {k: np.array([r[k] for r in rows]) for k in rows[0] if k != "stage"}
-        history = Rows(columns, [row["stage"] for row in rows], config)
+        history = StageRows(columns, [row["stage"] for row in rows], config)
         try:
             found = np.asarray(self._known[name](history.names, history.functions), float)
             if found.ndim:

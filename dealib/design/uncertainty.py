@@ -14,7 +14,7 @@ from dealib.design.designs import as_model
 from dealib.design.distributions import Joint
 from dealib.design.evaluate import Evaluation, job, read
 from dealib.design.goals import goals
-from dealib.design.plan import Plan
+from dealib.design.plan import DesignPlan
 from dealib.design.propagation import Samples
 from dealib.errors import ConfigError, NotConverged, did_you_mean
 from dealib.results.elements import Array
@@ -27,7 +27,7 @@ Solve = Callable[[Sequence[Job]], Iterable[Ended]]
 UNSOLVED = "no result"  # name of the summary's row for samples without a result
 
 
-class Tables(NamedTuple):
+class UncertaintyTables(NamedTuple):
     """Rows of `samples.csv`, `summary.csv` and `sobol.csv`."""
 
     samples: list[dict[str, Any]]
@@ -57,11 +57,11 @@ def uncertainty(
 
     with Pool(jobs) as pool:
         solve: Solve = pool.solve if jobs > 1 else lambda missing: map(run, missing)
-        found = find(Plan(Path(path)), Path(cache), solve)
+        found = find(DesignPlan(Path(path)), Path(cache), solve)
     return pd.DataFrame(found.summary), pd.DataFrame(found.sobol), pd.DataFrame(found.samples)
 
 
-def joint(plan: Plan) -> Joint:
+def joint(plan: DesignPlan) -> Joint:
     """The joint distribution of a design, in the units of its variables.
 
     Raises:
@@ -85,7 +85,7 @@ def joint(plan: Plan) -> Joint:
     return Joint(names, tuple(map(plan.spread, names)), matrix)
 
 
-def find(plan: Plan, cache: Path, solve: Solve, retry: bool = False) -> Tables:
+def find(plan: DesignPlan, cache: Path, solve: Solve, retry: bool = False) -> UncertaintyTables:
     """Solve the samples of a design, and compute the statistics of its quantities.
 
     Args:
@@ -147,10 +147,10 @@ def find(plan: Plan, cache: Path, solve: Solve, retry: bool = False) -> Tables:
         {"sample": k, **dict(zip(columns, row, strict=True)), "error": errors.get(k, "")}
         for k, row in enumerate(rows, start=1)
     ]
-    return Tables(table, summary, sobol)
+    return UncertaintyTables(table, summary, sobol)
 
 
-def _job(plan: Plan, k: int, point: Array, asked: Mapping[str, str], cache: Path) -> Job:
+def _job(plan: DesignPlan, k: int, point: Array, asked: Mapping[str, str], cache: Path) -> Job:
     """The job of sample k; number 0 is that of the means, which computes slopes as well."""
     names = tuple(plan.design.variables)
     model = {} if plan.design.model == "auto" else as_model(plan, plan.design.model)
@@ -163,7 +163,7 @@ def _job(plan: Plan, k: int, point: Array, asked: Mapping[str, str], cache: Path
     return job(label, case, cache, asked, () if k else names)
 
 
-def _linear(plan: Plan, variables: Joint, slopes: Mapping[str, float]) -> float:
+def _linear(plan: DesignPlan, variables: Joint, slopes: Mapping[str, float]) -> float:
     """Standard deviation by linear propagation of slopes; NaN if a variable has no slope."""
     factors = [convert((1.0, plan.unit(n)), plan.keys[n].unit) for n in variables.names]
     along = np.array([slopes.get(n, np.nan) for n in variables.names])

@@ -12,7 +12,7 @@ _PERMITTIVITY_OF_AIR = 1.0
 
 
 @dataclass(frozen=True)
-class Variable:
+class PortQuantity:
     """A quantity at a port.
 
     Attributes:
@@ -45,32 +45,35 @@ class PortKind:
     """
 
     name: str
-    primal: Variable
-    dual: Variable
+    primal: PortQuantity
+    dual: PortQuantity
     sign: float
 
     @property
-    def variables(self) -> tuple[Variable, Variable]:
+    def variables(self) -> tuple[PortQuantity, PortQuantity]:
         """Primal and dual."""
         return self.primal, self.dual
 
 
 MOUNT = PortKind(
-    "mount", Variable("displacement", "mm", "length"), Variable("force", "N", "force"), 1.0
+    "mount", PortQuantity("displacement", "mm", "length"), PortQuantity("force", "N", "force"), 1.0
 )
 TERMINAL = PortKind(
-    "terminal", Variable("voltage", "kV", "voltage"), Variable("charge", "uC", "charge"), -1.0
+    "terminal",
+    PortQuantity("voltage", "kV", "voltage"),
+    PortQuantity("charge", "uC", "charge"),
+    -1.0,
 )
 CHAMBER = PortKind(
     "chamber",
-    Variable("pressure", "kPa", "stress", 1e3),
-    Variable("volume", "mm3", "volume"),
+    PortQuantity("pressure", "kPa", "stress", 1e3),
+    PortQuantity("volume", "mm3", "volume"),
     -1.0,
 )
 TURN = PortKind(
     "turn",
-    Variable("rotation", "deg", "angle", 180 / math.pi),
-    Variable("moment", "Nmm", "moment"),
+    PortQuantity("rotation", "deg", "angle", 180 / math.pi),
+    PortQuantity("moment", "Nmm", "moment"),
     1.0,
 )
 RIGID = "rigid"  # kind of a support that follows a rigid mount
@@ -106,7 +109,7 @@ class Port:
     centre: tuple[float, ...] = ()
     openings: tuple[tuple[str, Any], ...] = ()
 
-    def column(self, variable: Variable) -> str:
+    def column(self, variable: PortQuantity) -> str:
         """Column of one of its variables in the history."""
         return variable.column + self.suffix
 

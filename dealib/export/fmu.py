@@ -23,12 +23,12 @@ import numpy as np
 from dealib.config.schema import Config
 from dealib.device.records import Port
 from dealib.errors import PlatformError
-from dealib.export.lumped import Point, lumped
+from dealib.export.lumped import CubaturePoint, lumped
 from dealib.files import whole, write_text
 from dealib.results.elements import Array
 from dealib.results.hermite import nodal
 from dealib.results.reader import Run
-from dealib.results.tables import Tables
+from dealib.results.tables import DeviceTables
 from dealib.versions import installed
 
 _SOURCE = Path(__file__).with_name("device.c")
@@ -119,7 +119,7 @@ def compiler() -> list[str]:
     return command
 
 
-def write_fmu(path: Path, run: Run, tables: Tables, config: Config) -> str:
+def write_fmu(path: Path, run: Run, tables: DeviceTables, config: Config) -> str:
     """Write the FMU of a device.
 
     Args:
@@ -158,7 +158,7 @@ def write_fmu(path: Path, run: Run, tables: Tables, config: Config) -> str:
     return f"branches at {len(points)} points, {branches} altogether" if points else "no branches"
 
 
-def _axes(tables: Tables, config: Config, bodies: Sequence[float]) -> Iterator[_Axis]:
+def _axes(tables: DeviceTables, config: Config, bodies: Sequence[float]) -> Iterator[_Axis]:
     assert config.tables is not None
     rest = [np.clip(0.0, grid[0], grid[-1]) for grid in tables.axes.values()]
     for (grid, name), body in zip(
@@ -175,7 +175,7 @@ def _axes(tables: Tables, config: Config, bodies: Sequence[float]) -> Iterator[_
         yield _Axis(port, scale * grid, scale, mass, damping)
 
 
-def _header(axes: list[_Axis], tables: Tables, points: list[Point]) -> str:
+def _header(axes: list[_Axis], tables: DeviceTables, points: list[CubaturePoint]) -> str:
     """Text of tables.h: all numbers of the model, in SI units."""
     n, grids = len(axes), list(tables.axes.values())
     found = [1e-3 * tables.derivatives[..., None]]

@@ -22,7 +22,7 @@ from dealib.results.elements import Array
 from dealib.results.hermite import spline_slope
 from dealib.results.mesh import Ints, ResultMesh
 from dealib.results.reader import Run
-from dealib.results.tables import Tables
+from dealib.results.tables import DeviceTables
 
 _CELLS, _PAIRS = 400, 300  # cells of a region, and pairs of states, that the cubature uses
 _POINTS = 12  # largest number of points of a material
@@ -30,7 +30,7 @@ _MISSING = 1e-3  # tolerance of a force, as a share of its range
 
 
 @dataclass(frozen=True)
-class Point:
+class CubaturePoint:
     """A point of the cubature, at which branches are kept.
 
     Attributes:
@@ -56,7 +56,7 @@ class _Part:
     """
 
     material: str
-    points: local.Points
+    points: local.CellPoints
     nodes: Ints
     volume: Array
 
@@ -68,7 +68,9 @@ class _Part:
         return C.reshape(-1, k.packed), u.reshape(-1, k.dim)
 
 
-def lumped(run: Run, tables: Tables, config: Config) -> tuple[list[Point], list[float]]:
+def lumped(
+    run: Run, tables: DeviceTables, config: Config
+) -> tuple[list[CubaturePoint], list[float]]:
     """Points of the cubature, and the effective mass of the device along each axis.
 
     Args:
@@ -82,7 +84,11 @@ def lumped(run: Run, tables: Tables, config: Config) -> tuple[list[Point], list[
     Raises:
         ConfigError: If the states of the run are not stored.
     """
-    masses, points, grids = [0.0] * len(tables.axes), list[Point](), list(tables.axes.values())
+    masses, points, grids = (
+        [0.0] * len(tables.axes),
+        list[CubaturePoint](),
+        list(tables.axes.values()),
+    )
     if not any(law.branches or law.density for law in config.solids.values()):
         return points, masses
     assert tables.rows is not None
@@ -109,7 +115,9 @@ def lumped(run: Run, tables: Tables, config: Config) -> tuple[list[Point], list[
             volume = np.concatenate([part.volume for part in parts if part.material == name])
             modulus = sum(branch.shear_modulus for branch in law.branches)
             chosen = _cubature(tables, C, modulus * volume)
-            points += [Point(law.branches, w / modulus, C[..., p, :]) for p, w in chosen.items()]
+            points += [
+                CubaturePoint(law.branches, w / modulus, C[..., p, :]) for p, w in chosen.items()
+            ]
     return points, masses
 
 
@@ -124,12 +132,12 @@ def _parts(config: Config, mesh: ResultMesh) -> Iterator[_Part]:
         scale = volume.sum() / volume[some].sum() * (material.thickness if k.sheet else 1.0)
         if material.prestretch is not None:
             scale /= material.prestretch.prod()
-        points = local.Points.of(k, material, cell, nodes[some], cell.gauss)
+        points = local.CellPoints.of(k, material, cell, nodes[some], cell.gauss)
         name, mine = region.material or "", mesh.cells[cells][some]
         yield _Part(name, points, mine, scale * volume[some].ravel())
 
 
-def _cubature(tables: Tables, C: Array, stiff: Array) -> dict[int, float]:
+def _cubature(tables: DeviceTables, C: Array, stiff: Array) -> dict[int, float]:
     """Choose points one by one, with weights, until they exert the forces of all points.
 
     Args:

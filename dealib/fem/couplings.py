@@ -59,7 +59,7 @@ class Coupling(Protocol):
         """
 
 
-class Load(Protocol):
+class FieldLoad(Protocol):
     """A load of the field on the body that is not derived from an energy."""
 
     def __call__(self, problem: Body, v: Any) -> Any:
@@ -86,7 +86,7 @@ class Loaded:
     """
 
     symmetric: ClassVar[bool] = False
-    load: Load
+    load: FieldLoad
 
     def residual(self, problem: Body, test: Any) -> Any:
         """See `Coupling`."""

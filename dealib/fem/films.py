@@ -43,7 +43,7 @@ class FilmPoints:
     group: Group
     layout: Layout
     cells: npt.NDArray[np.int32]
-    points: local.Points
+    points: local.CellPoints
     columns: Columns | None
     comm: MPI.Comm
 
@@ -80,7 +80,7 @@ class FilmPoints:
         cells = layout.owned(layout.rows(group))
         nodes = layout.nodes[cells]
         kinematics, cell = problem.kinematics, layout.cell
-        points = local.Points.of(kinematics, material, cell, nodes, cell.gauss)
+        points = local.CellPoints.of(kinematics, material, cell, nodes, cell.gauss)
         frame = None
         if normals is not None:
             frame = local.Frame.of_normals(normals[cells], problem.kinematics.dim == 2)
@@ -143,7 +143,7 @@ def _columns(
     group: Group,
     layout: Layout,
     nodes: Array,
-    points: local.Points,
+    points: local.CellPoints,
     comm: MPI.Comm,
 ) -> Columns | None:
     """Columns of a plane layer, the same on all ranks; None if it is not plane."""

@@ -17,7 +17,7 @@ from dealib.results import local
 from dealib.results.elements import Array
 
 
-class State(NamedTuple):
+class InternalState(NamedTuple):
     """Internal variables of a part.
 
     Attributes:
@@ -31,7 +31,7 @@ class State(NamedTuple):
     peak: Array
 
 
-class Part:
+class CellGroup:
     """The cells of one group of regions on this rank, ghosts included.
 
     Attributes:
@@ -46,13 +46,15 @@ class Part:
     """
 
     def __init__(
-        self, group: Group, cells: Any, points: local.Points, material: Any, volume: Array
+        self, group: Group, cells: Any, points: local.CellPoints, material: Any, volume: Array
     ) -> None:
         self.group, self.cells, self.points, self.volume = group, cells, points, volume
         self.prestretch = group.prestretch
         self.material, self.networks = material, material.networks
         C = np.tile(evolution.identity(points.kinematics.packed), (*volume.shape, 1))
-        self.now = State(C, np.tile(C, (len(self.networks), 1, 1, 1)), np.zeros(volume.shape))
+        self.now = InternalState(
+            C, np.tile(C, (len(self.networks), 1, 1, 1)), np.zeros(volume.shape)
+        )
         relaxed = (np.zeros_like(C), np.ones(volume.shape))
         self.terms = [relaxed] * len(self.networks)
 
@@ -85,7 +87,7 @@ class Part:
         """The terms in one array, (cells, points, networks, size + 1)."""
         return np.stack([np.concatenate([h, w[..., None]], -1) for h, w in self.terms], axis=2)
 
-    def end(self, C: Array) -> State:
+    def end(self, C: Array) -> InternalState:
         """State at the end of a step that ends at the metric C, (cells, points, size)."""
         internal = self.now.internal.copy()
         for k, _, rule in self._rules():
@@ -95,9 +97,9 @@ class Part:
             peak, inner = self._path(C)
             if self.material.permanent_set is not None:
                 internal[-1] = inner
-        return State(C, internal, peak)
+        return InternalState(C, internal, peak)
 
-    def mount(self, end: State) -> None:
+    def mount(self, end: InternalState) -> None:
         """Take the end of the pre-stretch as the mounted state.
 
         Branches are relaxed there, or if the material is mounted fresh, C_i is that of the

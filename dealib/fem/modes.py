@@ -32,7 +32,7 @@ _ALIKE = 0.5  # least (u.M v)^2 of two modes that count as the same
 
 
 @dataclass(frozen=True)
-class Modes:
+class Eigenmodes:
     """The lowest modes of a state.
 
     Attributes:
@@ -47,12 +47,12 @@ class Modes:
     shapes: Array
     momenta: Array
 
-    def first(self, count: int) -> Modes:
+    def first(self, count: int) -> Eigenmodes:
         """The first modes, as many as asked for."""
         parts = {name: getattr(self, name)[:count] for name in ("values", "shapes", "momenta")}
         return replace(self, **parts)
 
-    def again(self, other: Modes) -> Modes:
+    def again(self, other: Eigenmodes) -> Eigenmodes:
         """These modes in another state: its modes with the most similar shapes.
 
         Where there is no similar one, the value is NaN and the shape remains.
@@ -67,10 +67,10 @@ class Modes:
         shapes, momenta = self.shapes.copy(), self.momenta.copy()
         values[mine], shapes[mine] = other.values[found], other.shapes[found]
         momenta[mine] = other.momenta[found]
-        return Modes(other.unstable, values, shapes, momenta)
+        return Eigenmodes(other.unstable, values, shapes, momenta)
 
 
-def lowest(tangent: Any, mass: Any, concave: int, count: int) -> Modes:
+def lowest(tangent: Any, mass: Any, concave: int, count: int) -> Eigenmodes:
     """The lowest modes of a tangent (collective).
 
     ARPACK finds the eigenvalues nearest to a shift, which must lie below the lowest one. If there
@@ -89,7 +89,7 @@ def lowest(tangent: Any, mass: Any, concave: int, count: int) -> Modes:
         shift = -_BELOW * abs(nearest)
         while (factor := Factor(tangent - shift * mass)).inertia[0] > concave:
             shift *= _WIDER
-    return Modes(unstable, *_nearest(factor, mass, shift, count, "LA"))
+    return Eigenmodes(unstable, *_nearest(factor, mass, shift, count, "LA"))
 
 
 def _nearest(

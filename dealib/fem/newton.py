@@ -21,7 +21,7 @@ from dealib.fem.linear import (
     set_linear_solver,
     set_options,
 )
-from dealib.fem.modes import Modes, averaged, lowest
+from dealib.fem.modes import Eigenmodes, averaged, lowest
 from dealib.fem.problem import Problem
 from dealib.fem.system import System, Timings
 from dealib.fem.tolerances import Judge
@@ -197,7 +197,7 @@ class Newton:
         """Number of unstable modes under the ports' equations (collective)."""
         return self.inertia()[0] - self.concave
 
-    def softest_modes(self, count: int) -> Modes:
+    def softest_modes(self, count: int) -> Eigenmodes:
         """Modes of least stiffness at the current q under the ports' equations (collective)."""
         tangent = fixed_tangent(self.system)
         return lowest(tangent, averaged(self.system), self.concave, count)

@@ -38,7 +38,7 @@ class _Spots:
 
     cells: Any
     reference: Array
-    points: local.Points
+    points: local.CellPoints
     weights: Array
     material: stress.RegionMaterial
     group: str
@@ -143,9 +143,9 @@ class Probes:
 
     def _points(
         self, nodes: Array, reference: Array, material: stress.RegionMaterial
-    ) -> local.Points:
+    ) -> local.CellPoints:
         kinematics, cell = self._problem.kinematics, self._layout.cell
-        return local.Points.of(kinematics, material, cell, nodes, reference)
+        return local.CellPoints.of(kinematics, material, cell, nodes, reference)
 
     def _on_facets(self, facets: Any) -> list[_Spots]:
         """Quadrature points on facets, in the cell on one side: a dielectric if there is one."""

@@ -73,7 +73,7 @@ def problem_on(domain: Domain, config: Config, spaces: Spaces | None = None) -> 
     if any(m.mullins for m in config.solids.values()):
         element = compat.quadrature_element(mesh, degree, slots)
         peaks = fem.Function(compat.functionspace(mesh, element), name="peaks")
-    parts = Parts.of(domain, config, spaces, groups, terms, peaks)
+    parts = EnergyTerms.of(domain, config, spaces, groups, terms, peaks)
     if sheet:
         equip(domain, spaces, groups, degree)
     problem = Problem(
@@ -118,7 +118,7 @@ def _networks(config: Config) -> int:
 
 
 @dataclass
-class Parts:
+class EnergyTerms:
     """The energies of a config, and its numbers in them as constants (see `Problem`)."""
 
     elastic: list[Energy]
@@ -138,7 +138,7 @@ class Parts:
         groups: Sequence[Group],
         terms: Any,
         peaks: Any,
-    ) -> Parts:
+    ) -> EnergyTerms:
         """The energies of a config on a mesh (collective).
 
         Args:

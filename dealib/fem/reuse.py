@@ -29,7 +29,7 @@ from dealib.fem.domain import Domain, build_domain
 from dealib.fem.groups import Group
 from dealib.fem.newton import Newton
 from dealib.fem.potential import Problem
-from dealib.fem.problem import Parts, groups_of, problem_on
+from dealib.fem.problem import EnergyTerms, groups_of, problem_on
 from dealib.fem.system import Timings
 from dealib.materials.law import Law
 from dealib.results.elements import Array
@@ -153,7 +153,7 @@ class _Kept:
             return False
         there = Domain(config.device, *(getattr(domain, f.name) for f in fields(domain)[1:]))
         groups = groups_of(there, config)
-        parts = Parts.of(there, config, problem.spaces, groups, problem.terms, problem.peaks)
+        parts = EnergyTerms.of(there, config, problem.spaces, groups, problem.terms, problem.peaks)
         kind, numbers = _anatomy(SimpleNamespace(**vars(parts), groups=groups, domain=there))
         if kind != self.kind:
             return False
@@ -194,7 +194,7 @@ def _space(k: Kinematics) -> tuple[Any, ...]:
 
 
 def _anatomy(problem: Any) -> tuple[Places, Places]:
-    """Structure and constants of the energies of a problem, or of `Parts`, both by place.
+    """Structure and constants of the energies of a problem, or of `EnergyTerms`, both by place.
 
     A place is a path of attributes and indices such as '.energies.0.2.parameters.c10'.
     """

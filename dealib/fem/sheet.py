@@ -29,7 +29,7 @@ from dealib.fem import compat
 from dealib.fem.domain import Domain, Spaces
 from dealib.fem.energies import Point
 from dealib.fem.groups import Group, areas
-from dealib.fem.sheet_layer import FIRST, Layer
+from dealib.fem.sheet_layer import FIRST, LayerEnergy
 from dealib.materials.wrinkling import Wrinkles
 
 _ELASTIC, _ELECTRIC = 0, 1  # columns of the values; derivatives begin at FIRST
@@ -72,10 +72,10 @@ class SheetModel:
         self._size, self._ports, self._domain = len(self._metric), ports, domain
         count = self._size + len(ports)
         self._pairs = np.triu_indices(count)
-        self._layers: dict[str, list[Layer]] = {}
+        self._layers: dict[str, list[LayerEnergy]] = {}
         for group in groups:
             assert group.sheet is not None
-            layer = Layer(domain, group.sheet, densities(group), list(ports), degree)
+            layer = LayerEnergy(domain, group.sheet, densities(group), list(ports), degree)
             self._layers.setdefault(group.sheet.area, []).append(layer)
             self._excess = group.sheet.excess
         mesh, total = domain.mesh, FIRST + count + len(self._pairs[0])

@@ -49,7 +49,7 @@ def equip(domain: Domain, spaces: Spaces, groups: Sequence[Group], degree: int) 
         sheet.point = Point(x, u, F, E, principal=kinematics.dim == 2)
 
 
-class Layer:
+class LayerEnergy:
     """Energy of one layer at the quadrature points, as a function of metric and voltages.
 
     Args:

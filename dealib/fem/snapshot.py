@@ -17,7 +17,7 @@ from dealib.device.records import TERMINAL, Port
 from dealib.fem.differential import capacitances, condensed, port_stiffness
 from dealib.fem.films import FilmPoints
 from dealib.fem.inertia import Inertia
-from dealib.fem.modes import Modes
+from dealib.fem.modes import Eigenmodes
 from dealib.fem.newton import Newton
 from dealib.fem.probes import Probes
 from dealib.fem.viscous import Viscosity
@@ -167,7 +167,7 @@ class Snapshot:
         return {(a, b): found[i, j] for i, a in enumerate(names) for j, b in enumerate(names)}
 
     @cached_property
-    def modes(self) -> Modes:
+    def modes(self) -> Eigenmodes:
         """The softest modes, as many as `output.modes` asks for (collective)."""
         return self.newton.softest_modes(self.config.output.modes)
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from dealib.device.records import TERMINAL
 from dealib.fem.linear import fixed_tangent
-from dealib.fem.modes import Modes, lowest
+from dealib.fem.modes import Eigenmodes, lowest
 from dealib.fem.newton import Newton
 from dealib.fem.port_law import PortLaw
 from dealib.fem.system import System
@@ -34,7 +34,7 @@ class Vibrations:
             held, (2, modes), by connected terminal; NaN where a mode is not found again.
     """
 
-    modes: Modes
+    modes: Eigenmodes
     values: dict[str, Array]
     duals: dict[str, Array]
     circuits: dict[str, Array]

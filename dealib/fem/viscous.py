@@ -11,7 +11,7 @@ from mpi4py import MPI
 import numpy as np
 
 from dealib.fem import compat
-from dealib.fem.inner import Part, State
+from dealib.fem.inner import CellGroup, InternalState
 from dealib.fem.layout import Layout
 from dealib.fem.problem import Problem
 from dealib.materials import evolution
@@ -41,7 +41,7 @@ class Viscosity:
         self._size = problem.kinematics.packed
         self._count = max(len(m.networks) for m in problem.config.solids.values())
         materials = local.region_materials(problem.config)
-        self._parts: dict[str, Part] = {}
+        self._parts: dict[str, CellGroup] = {}
         for group in problem.groups:
             material = problem.config.materials.get(group.material)
             if material is None or not material.memory:
@@ -51,21 +51,21 @@ class Viscosity:
             volume = local.volumes(problem.kinematics, layout.cell, nodes, self._points, weights)
             volume *= 1.0 if group.sheet is None else group.sheet.thickness
             volume[~np.isin(rows, layout.owned(rows))] = 0  # ghosts
-            points = local.Points.of(
+            points = local.CellPoints.of(
                 problem.kinematics,
                 materials[group.regions[0]],
                 layout.cell,
                 nodes,
                 self._points,
             )
-            self._parts[group.name] = part = Part(group, rows, points, material, volume)
+            self._parts[group.name] = part = CellGroup(group, rows, points, material, volume)
             if material.mounted == "fresh" and material.branches:
                 part.begin(lambda branch: _INSTANT)
                 self._write(part)
         if any(part.material.permanent_set for part in self._parts.values()):
             problem.reform = self._reform
         self._dt = 0.0
-        self._ends: list[tuple[Part, State]] | None = None
+        self._ends: list[tuple[CellGroup, InternalState]] | None = None
         self.dissipated = 0.0
 
     # --- steps -----------------------------------------------------------------------------------
@@ -126,7 +126,7 @@ class Viscosity:
                 part.reform(C)
                 self._write(part)
 
-    def _write(self, part: Part) -> None:
+    def _write(self, part: CellGroup) -> None:
         """Write the terms of a part's networks where the forms read them."""
         dofs = compat.cell_dofs(self._terms.function_space)
         bs = self._terms.function_space.dofmap.index_map_bs
@@ -282,7 +282,7 @@ class Viscosity:
         for part in self._parts.values():
             n, kept = len(part.networks), mine[part.cells]
             peak = kept[:, :, n, 0] if part.material.softens else part.now.peak
-            part.now = State(part.now.C, np.moveaxis(kept[:, :, :n], 2, 0).copy(), peak)
+            part.now = InternalState(part.now.C, np.moveaxis(kept[:, :, :n], 2, 0).copy(), peak)
         self._remember()
         for part, C in self._metrics():
             part.now = part.now._replace(C=C)
@@ -290,7 +290,7 @@ class Viscosity:
 
     # --- parts -----------------------------------------------------------------------------------
 
-    def _metrics(self) -> Iterator[tuple[Part, Array]]:
+    def _metrics(self) -> Iterator[tuple[CellGroup, Array]]:
         """Each part with the isochoric metric of the current state."""
         nodal = self._layout.local()
         for part in self._parts.values():
@@ -302,7 +302,7 @@ class Viscosity:
             total = F if part.prestretch is None else F * part.prestretch.value
             yield part, evolution.isochoric(total, self._size)
 
-    def _reached(self) -> list[tuple[Part, State]]:
+    def _reached(self) -> list[tuple[CellGroup, InternalState]]:
         """Each part with its state at the end of the step, which is found once for each step."""
         if self._ends is None:
             self._ends = [(part, part.end(C)) for part, C in self._metrics()]

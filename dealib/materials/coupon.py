@@ -129,7 +129,7 @@ def network(path: Path, evolution: Evolution, ratios: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Material:
+class IncompressibleMaterial:
     """An incompressible material.
 
     Attributes:
@@ -161,7 +161,7 @@ def networks(path: Path, evolution: str, times: Sequence[float]) -> dict[float, 
     return {time: path.known[evolution, time] for time in times}
 
 
-def stresses(path: Path, materials: Sequence[Material]) -> list[Array]:
+def stresses(path: Path, materials: Sequence[IncompressibleMaterial]) -> list[Array]:
     """Nominal stress of several materials in one test, (states,) each; NaN where a law locks."""
     times = sorted({time for m in materials for _, time in m.branches})
     units = networks(path, materials[0].evolution, times)

@@ -16,7 +16,7 @@ from dealib.materials.laws import LAWS, Law
 
 
 @dataclass(frozen=True)
-class Entry:
+class PublishedMaterial:
     """One material.
 
     Attributes:
@@ -65,16 +65,16 @@ def _text(value: Any) -> str:
     return "[" + ", ".join(map(_text, value)) + "]" if isinstance(value, list) else str(value)
 
 
-OWN: ContextVar[Mapping[str, Entry]] = ContextVar("OWN", default=MappingProxyType({}))
+OWN: ContextVar[Mapping[str, PublishedMaterial]] = ContextVar("OWN", default=MappingProxyType({}))
 
 
 @functools.cache
-def _published() -> dict[str, Entry]:
+def _published() -> dict[str, PublishedMaterial]:
     path = Path(__file__).with_name("published.yaml")
     found = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
-    return {name: Entry(**entry) for name, entry in found.items()}
+    return {name: PublishedMaterial(**entry) for name, entry in found.items()}
 
 
-def library() -> dict[str, Entry]:
+def library() -> dict[str, PublishedMaterial]:
     """All materials by name; those in `OWN` before published ones of the same name."""
     return {**_published(), **OWN.get()}

@@ -16,12 +16,12 @@ from dealib.files import whole
 from dealib.plots.contours import Painted, frame, magnification, paint, scale, scale_note
 from dealib.plots.curves import steady
 from dealib.plots.labels import label, plain, split
-from dealib.plots.shape import Shape
+from dealib.plots.shape import LayerShape
 from dealib.plots.style import Theme
 from dealib.plots.views import Scene
 from dealib.results import stages
 from dealib.results.elements import Array
-from dealib.results.quantities import Quantity, main_stress, quantity
+from dealib.results.quantities import FieldQuantity, main_stress, quantity
 from dealib.results.reader import Run
 from dealib.results.summary import drive, moment, motion, under_voltage
 from dealib.units import neat
@@ -31,14 +31,14 @@ SIZE, DPI = (12.8, 7.2), 100  # 1280 x 720: H.264 wants even numbers
 Image = npt.NDArray[np.uint8]
 
 
-def usual(run: Run) -> list[Quantity]:
+def usual(run: Run) -> list[FieldQuantity]:
     """Quantities shown by default: a stress, and under voltage the electric field."""
     device = run.config.device
     names = [main_stress(device), *(["E"] if under_voltage(run.history).any() else [])]
     return [quantity(name, device.kinematics) for name in names]
 
 
-def frames(run: Run, whats: Sequence[Quantity], look: Theme, count: int) -> Iterator[Image]:
+def frames(run: Run, whats: Sequence[FieldQuantity], look: Theme, count: int) -> Iterator[Image]:
     """Pictures (height, width, 3) at equal intervals of time, linearly interpolated between steps.
 
     Raises:
@@ -52,11 +52,11 @@ def frames(run: Run, whats: Sequence[Quantity], look: Theme, count: int) -> Iter
     rows = run.history.set_index("step", drop=False)
     clock = stages.clock(run.config.program)
     times = rows.loc[steps, clock].to_numpy(float)
-    factor = magnification(Shape(run))
+    factor = magnification(LayerShape(run))
 
     @lru_cache(maxsize=2)
     def at(k: int) -> list[Array]:
-        shape = Shape(run, steps[k], n=2)
+        shape = LayerShape(run, steps[k], n=2)
         return [shape.moved(factor), *(shape.values(what) for what in whats)]
 
     figure, painted, markers, note = _scene(run, whats, look, factor, clock)
@@ -104,10 +104,10 @@ def _typical(run: Run) -> list[int]:
 
 
 def _scene(
-    run: Run, whats: Sequence[Quantity], look: Theme, factor: float, clock: str
+    run: Run, whats: Sequence[FieldQuantity], look: Theme, factor: float, clock: str
 ) -> tuple[Any, list[Painted | Scene], dict[str, Any], Any]:
     """The figure, its drawings of the device, the markers by column, and the line of text."""
-    shapes = [Shape(run, step, n=2) for step in _typical(run)]
+    shapes = [LayerShape(run, step, n=2) for step in _typical(run)]
     moved = np.concatenate([shape.moved(factor) for shape in shapes])
     low, high = moved.min(axis=0), moved.max(axis=0)
     figure = plt.figure(figsize=SIZE, dpi=DPI, layout="constrained")

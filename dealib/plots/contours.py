@@ -12,10 +12,10 @@ from matplotlib.colors import ListedColormap, Normalize, TwoSlopeNorm
 from matplotlib.tri import Triangulation
 
 from dealib.plots.labels import plain
-from dealib.plots.shape import Shape
+from dealib.plots.shape import LayerShape
 from dealib.plots.style import Theme
 from dealib.results.elements import Array
-from dealib.results.quantities import Quantity
+from dealib.results.quantities import FieldQuantity
 
 # which ends of the colour bar are pointed, by whether values are below or above the scale
 _EXCEEDED = {(0, 0): "neither", (1, 0): "min", (0, 1): "max", (1, 1): "both"}
@@ -44,8 +44,8 @@ class Scale:
 
 def fill(
     part: Any,
-    shape: Shape,
-    what: Quantity,
+    shape: LayerShape,
+    what: FieldQuantity,
     look: Theme,
     limits: tuple[float, float] | None = None,
     zoom: float | None = None,
@@ -90,7 +90,7 @@ def fill(
     colours.bar(part, what.title, ax=list(axes.values()), aspect=40, pad=0.02)
 
 
-def _straightened(axis: Any, shape: Shape, values: Array, colours: Scale, look: Theme) -> None:
+def _straightened(axis: Any, shape: LayerShape, values: Array, colours: Scale, look: Theme) -> None:
     """Draw the layers as in the mesh, with their thickness over the whole height."""
     across, names = shape.section.across, shape.kinematics.axes
     unit, factor = ("µm", 1e3) if shape.thickness < 0.5 else ("mm", 1.0)
@@ -106,10 +106,10 @@ def _straightened(axis: Any, shape: Shape, values: Array, colours: Scale, look: 
 
 
 def scale(
-    shape: Shape,
+    shape: LayerShape,
     values: Array,
     look: Theme,
-    what: Quantity | None = None,
+    what: FieldQuantity | None = None,
     limits: tuple[float, float] | None = None,
 ) -> Scale:
     """Colour scale of sampled values, centred at zero if they have both signs.
@@ -140,7 +140,7 @@ def scale(
     return Scale(Normalize(low, high), look.sequential, extend)
 
 
-def _by_area(shape: Shape, values: Array, fractions: Array) -> Array:
+def _by_area(shape: LayerShape, values: Array, fractions: Array) -> Array:
     """Quantiles of the values, weighted by area; in space, of the nodal values."""
     if shape.solid:
         return np.nanquantile(values, fractions)
@@ -155,7 +155,7 @@ def _by_area(shape: Shape, values: Array, fractions: Array) -> Array:
     return np.asarray(np.interp(fractions * share[-1], share, mean[order]))
 
 
-def magnification(shape: Shape) -> float:
+def magnification(shape: LayerShape) -> float:
     """A whole factor by which the thickness of a laminate becomes a fifteenth of its length."""
     if shape.thickness == 0 or shape.run.config.device.laminate is None:
         return 1.0
@@ -173,7 +173,7 @@ def scale_note(factor: float) -> str:
 class Painted:
     """A drawing of the layers that can be moved: colours and outlines."""
 
-    shape: Shape
+    shape: LayerShape
     colours: Any
     others: tuple[Any, ...]
     rim: Any
@@ -187,7 +187,9 @@ class Painted:
         self.rim.set_segments(list(x[self.shape.strips.outline]))
 
 
-def paint(axis: Any, shape: Shape, x: Array, values: Array, colours: Scale, look: Theme) -> Painted:
+def paint(
+    axis: Any, shape: LayerShape, x: Array, values: Array, colours: Scale, look: Theme
+) -> Painted:
     """Draw smooth colours on the sampled triangles at the points x, and outlines of the layers.
 
     Layers without values are grey.
@@ -212,19 +214,19 @@ def paint(axis: Any, shape: Shape, x: Array, values: Array, colours: Scale, look
     return Painted(shape, painted, others, rim)
 
 
-def frame(axis: Any, shape: Shape) -> None:
+def frame(axis: Any, shape: LayerShape) -> None:
     """Set equal scales and labels for the whole section."""
     axis.set_aspect("equal", adjustable="datalim")
     _axes(axis, shape)
     axis.margins(0.02, 0.1)
 
 
-def _axes(axis: Any, shape: Shape) -> None:
+def _axes(axis: Any, shape: LayerShape) -> None:
     x, y = (f"{name.lower()} (mm)" for name in shape.kinematics.axes)
     axis.set(xlabel=x, ylabel=y)
 
 
-def _zoom(axis: Any, shape: Shape, end: str, length: float | None) -> None:
+def _zoom(axis: Any, shape: LayerShape, end: str, length: float | None) -> None:
     """Show one end, by default over about six thicknesses."""
     assert shape.laminate is not None
     size, across = shape.thickness, shape.section.across
@@ -244,7 +246,7 @@ def _zoom(axis: Any, shape: Shape, end: str, length: float | None) -> None:
     axis.ticklabel_format(useOffset=False)
 
 
-def _blocks(axis: Any, shape: Shape, look: Theme) -> None:
+def _blocks(axis: Any, shape: LayerShape, look: Theme) -> None:
     """Draw the rigid blocks, if there are any."""
     mesh, x = shape.mesh, shape.mesh.points + shape.displacement
     for region in shape.run.config.device.regions:

@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Curve:
+class CouponCurve:
     """One test.
 
     Attributes:
@@ -39,7 +39,7 @@ class Curve:
     path: Array
 
 
-def draw_coupon(curves: Sequence[Curve], title: str, unit: str, picture: Path) -> None:
+def draw_coupon(curves: Sequence[CouponCurve], title: str, unit: str, picture: Path) -> None:
     """Draw tests, a panel for each kind, and their residuals below.
 
     Args:

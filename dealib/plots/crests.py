@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from dealib.plots.contours import magnification, scale_note
-from dealib.plots.shape import Shape
+from dealib.plots.shape import LayerShape
 from dealib.results.elements import Array
-from dealib.results.quantities import Quantity
+from dealib.results.quantities import FieldQuantity
 
 TURN = 270.0  # degrees by which a section is turned to a body of revolution
 _STEP = 30.0  # degrees by which each layer is turned less than the one below it, at most
@@ -19,19 +19,19 @@ _LINES = 24  # number of lines along the device
 _LEAST = 0.02  # share of the largest wrinkling below which no line is drawn
 
 
-def peel(shape: Shape) -> float:
+def peel(shape: LayerShape) -> float:
     """Degrees by which each layer of a body of revolution is turned less than the one below it."""
     return min(_STEP, TURN / 2 / len(shape.layers))
 
 
-def note(shape: Shape, what: Quantity, factor: float) -> str:
+def note(shape: LayerShape, what: FieldQuantity, factor: float) -> str:
     """Note on the scale, and for wrinkles on the wrinkled area."""
     area = shape.row.get("wrinkled_area_mm2") if what.field == "wrinkling" else None
     told = "" if area is None else f"; {area:.4g} mm² wrinkled, lines on the crests"
     return scale_note(factor) + told
 
 
-def lines(shape: Shape, what: Quantity) -> list[tuple[Any, str]]:
+def lines(shape: LayerShape, what: FieldQuantity) -> list[tuple[Any, str]]:
     """Short lines along the crests with their colour, if the quantity is wrinkling."""
     import pyvista as pv
 
@@ -44,14 +44,15 @@ def lines(shape: Shape, what: Quantity) -> list[tuple[Any, str]]:
     return [(drawn.tube(radius=0.035 * size / _LINES, capping=False), COLOUR)]
 
 
-def strokes(shape: Shape) -> tuple[Array, float]:
+def strokes(shape: LayerShape) -> tuple[Array, float]:
     """Ends of short lines along the crests of wrinkles, in space (lines, 2, 3), mm.
 
     Returns:
         The ends, and the size of the whole device, mm.
     """
     if not shape.solid:
-        shape = Shape(shape.run, shape.step, n=2)  # points at nodes only, since crests have no sign
+        # points at nodes only, since crests have no sign
+        shape = LayerShape(shape.run, shape.step, n=2)
     x, crest = shape.moved(magnification(shape)), shape.arrays["crest"]
     if not shape.solid:
         crest = shape.strips(crest)
@@ -70,7 +71,7 @@ def strokes(shape: Shape) -> tuple[Array, float]:
     return np.stack([centre - along, centre + along], axis=1), size
 
 
-def _turns(shape: Shape) -> Sequence[Array]:
+def _turns(shape: LayerShape) -> Sequence[Array]:
     """Maps (3, 3) from radial, axial and hoop components to space, at angles of the top layer."""
     angles = np.radians(np.arange(4, TURN - peel(shape) * (len(shape.layers) - 1), 8))
     return [

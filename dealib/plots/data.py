@@ -8,14 +8,14 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
-from dealib.data.table import Column
+from dealib.data.table import DataColumn
 from dealib.plots.labels import plain
 from dealib.plots.style import Theme
 
 _POINTS = 5000  # up to this number points are drawn as markers, above it as a line
 
 
-def draw_columns(x: Column, columns: Sequence[Column], look: Theme) -> Any:
+def draw_columns(x: DataColumn, columns: Sequence[DataColumn], look: Theme) -> Any:
     """Draw columns over another one, each into axes of its own; returns the figure."""
     rows = -(-len(columns) // 3)
     across = min(len(columns), 3)

@@ -12,11 +12,11 @@ from dealib.errors import ConfigError
 from dealib.plots.animation import DPI, SIZE, Image, grabbed, settle
 from dealib.plots.contours import Scale, magnification, paint
 from dealib.plots.labels import label, plain
-from dealib.plots.shape import Shape
+from dealib.plots.shape import LayerShape
 from dealib.plots.style import DASHES, Theme
 from dealib.plots.views import Scene
 from dealib.results import spectra
-from dealib.results.quantities import Quantity
+from dealib.results.quantities import FieldQuantity
 from dealib.results.reader import Run
 
 _AT_ONCE = 8  # modes in one picture
@@ -53,7 +53,7 @@ def _scene(
     run: Run, step: int, look: Theme, names: Sequence[str]
 ) -> tuple[Any, list[tuple[Any, Any, Any, Any]]]:
     """The figure, and for each mode its drawing, points at rest, amplitudes and values."""
-    plain_shape = Shape(run, step, n=2)
+    plain_shape = LayerShape(run, step, n=2)
     known = [name for name in plain_shape.arrays if name.startswith("mode")]
     for name in names:
         if name not in known:
@@ -62,8 +62,8 @@ def _scene(
     factor, told = magnification(plain_shape), _frequencies(run, plain_shape.step)
     rest, moved = plain_shape.moved(factor), []
     for name in names:
-        shape = Shape(run, step, n=2, mode=name)
-        what = Quantity(name, "Displacement over the largest", "", name)
+        shape = LayerShape(run, step, n=2, mode=name)
+        what = FieldQuantity(name, "Displacement over the largest", "", name)
         moved.append((shape, what, shape.moved(factor) - rest, shape.values(what)))
     ends = np.concatenate([rest + s * way for _, _, way, _ in moved for s in (-1, 1)])
     low, high = ends.min(axis=0), ends.max(axis=0)

@@ -9,13 +9,13 @@ import numpy as np
 
 from dealib.errors import ConfigError, by_caller
 from dealib.plots.labels import plain
-from dealib.plots.shape import Shape, drawn
+from dealib.plots.shape import LayerShape, drawn
 from dealib.results.elements import Array
-from dealib.results.quantities import SURFACE_CHARGE, Quantity
-from dealib.results.sampling import Strip
+from dealib.results.quantities import SURFACE_CHARGE, FieldQuantity
+from dealib.results.sampling import LayerStrip
 
 
-def film(shape: Shape) -> str:
+def film(shape: LayerShape) -> str:
     """The dielectric layer with the largest field on average, else the first one.
 
     Raises:
@@ -31,7 +31,7 @@ def film(shape: Shape) -> str:
     return max(names, key=lambda n: round(float(E[mesh.cells[mesh.in_region(n)]].mean()), 9))
 
 
-def lines(shape: Shape, what: Quantity) -> dict[str, tuple[Array, Array]]:
+def lines(shape: LayerShape, what: FieldQuantity) -> dict[str, tuple[Array, Array]]:
     """Positions on the mesh (mm) and values of a quantity along the film, by line."""
     strip = shape.section.layer(film(shape))
     if what is SURFACE_CHARGE:
@@ -44,7 +44,7 @@ def lines(shape: Shape, what: Quantity) -> dict[str, tuple[Array, Array]]:
     return {name: (x, strip.at(nodal, s, t)) for name, t in heights.items()}
 
 
-def _panels(shape: Shape, strip: Strip) -> dict[str, tuple[float, float]]:
+def _panels(shape: LayerShape, strip: LayerStrip) -> dict[str, tuple[float, float]]:
     """Titles and ranges: the whole length, and each end of the base where the film has it."""
     assert shape.laminate is not None
     base, a, b = shape.laminate.base, strip.start, strip.start + strip.length
@@ -58,7 +58,7 @@ def _panels(shape: Shape, strip: Strip) -> dict[str, tuple[float, float]]:
     return found
 
 
-def draw_profiles(shape: Shape, quantities: list[Quantity]) -> Any:
+def draw_profiles(shape: LayerShape, quantities: list[FieldQuantity]) -> Any:
     """Quantities along the film at one step: the whole length, and its ends enlarged."""
     panels = _panels(shape, shape.section.layer(film(shape)))
     figure, axes = plt.subplots(

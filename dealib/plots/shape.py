@@ -11,10 +11,10 @@ from dealib.errors import ConfigError
 from dealib.results.elements import Array
 from dealib.results.local import region_materials
 from dealib.results.mesh import Ints, ResultMesh
-from dealib.results.quantities import Quantity
+from dealib.results.quantities import FieldQuantity
 from dealib.results.reader import Run
-from dealib.results.sampling import Sampler, Strip
-from dealib.results.section import Section
+from dealib.results.sampling import LayerStrip, Sampler
+from dealib.results.section import RunSection
 from dealib.results.summary import (
     drive,
     moment,
@@ -57,7 +57,7 @@ def typical_step(run: Run) -> int:
     return int(h["step"][chosen].iloc[int(size[chosen].argmax())])
 
 
-def step_of(run: Run, what: Quantity) -> int:
+def step_of(run: Run, what: FieldQuantity) -> int:
     """The stored step at which a quantity is drawn: for modes the first one that has modes."""
     if what.is_mode:
         for index, step in enumerate(run.stored_steps):
@@ -73,7 +73,7 @@ def _check_stored(run: Run) -> None:
         )
 
 
-class Shape:
+class LayerShape:
     """The layers of a run at a stored step: its regions that carry stress, from the lowest up.
 
     In a plane they are sampled between their nodes; in three dimensions the points are the nodes.
@@ -90,7 +90,7 @@ class Shape:
         self.index = index_of(run, step)
         self.step = run.stored_steps[self.index]
         self.row: Any = run.history.set_index("step", drop=False).loc[self.step]
-        self.section = Section(run)
+        self.section = RunSection(run)
         self.mesh, self.laminate = self.section.mesh, self.section.laminate
         self.kinematics = run.config.device.kinematics
         self.solid = self.kinematics.dim == 3
@@ -167,7 +167,7 @@ class Shape:
         """Length of the layers in the mesh, mm."""
         return float(max(np.delete(self.size, self.section.across)))
 
-    def values(self, what: Quantity) -> Array:
+    def values(self, what: FieldQuantity) -> Array:
         """A quantity at the points, (points,); NaN in layers that do not have it."""
         nodal = what.of(self.arrays)
         ids = [self.mesh.names.index(name) for name in drawn(self.run, what)]
@@ -189,11 +189,11 @@ class Shape:
         return np.asarray(centre + magnification * (x - centre))
 
     @cached_property
-    def core(self) -> Strip | None:
+    def core(self) -> LayerStrip | None:
         """The middle one of the layers that reach from end to end, for a laminate in a plane."""
         if self.laminate is None:
             return None
-        strips = [Strip(self.mesh, name, self.section.across) for name in self.layers]
+        strips = [LayerStrip(self.mesh, name, self.section.across) for name in self.layers]
         whole = [strip for strip in strips if strip.length > 0.999 * self.length]
         return whole[len(whole) // 2] if whole else None
 
@@ -223,7 +223,7 @@ def layers(run: Run, across: int) -> tuple[str, ...]:
     return tuple(sorted(found, key=height.__getitem__))
 
 
-def drawn(run: Run, what: Quantity) -> list[str]:
+def drawn(run: Run, what: FieldQuantity) -> list[str]:
     """Regions in which a quantity is drawn: conductors, for example, have no field."""
     return [
         name

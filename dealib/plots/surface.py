@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dealib.plots.shape import Shape
+from dealib.plots.shape import LayerShape
 from dealib.results.elements import Array, Cell, Ints
 from dealib.results.sampling import reference_grid
 
@@ -32,7 +32,7 @@ class Patch:
     left_out: int = 0
 
 
-def patches(shape: Shape, names: Sequence[str], opened: bool, most: int) -> list[Patch]:
+def patches(shape: LayerShape, names: Sequence[str], opened: bool, most: int) -> list[Patch]:
     """The surface of some layers, with all of their symmetric parts.
 
     Args:
@@ -44,7 +44,7 @@ def patches(shape: Shape, names: Sequence[str], opened: bool, most: int) -> list
     return (_of_solid if shape.solid else _of_section)(shape, names, opened, most)
 
 
-def _of_solid(shape: Shape, names: Sequence[str], opened: bool, most: int) -> list[Patch]:
+def _of_solid(shape: LayerShape, names: Sequence[str], opened: bool, most: int) -> list[Patch]:
     mesh, maps = shape.mesh, shape.mirrors
     if opened:
         maps = [one for one in maps if one[1, 1] > 0]
@@ -95,7 +95,7 @@ def _faces(cell: Cell) -> tuple[Ints, Ints]:
     return apart.argmin(axis=-1), triangles
 
 
-def _of_section(shape: Shape, names: Sequence[str], opened: bool, most: int) -> list[Patch]:
+def _of_section(shape: LayerShape, names: Sequence[str], opened: bool, most: int) -> list[Patch]:
     """The outline turned about the axis, and the section at both ends of the turn."""
     points, region = shape.points, shape.region
     ids = [shape.mesh.names.index(name) for name in names]
@@ -119,7 +119,7 @@ def _of_section(shape: Shape, names: Sequence[str], opened: bool, most: int) -> 
     return _turned(edges, thin, turn, n, 2 * (len(triangles) - len(thin)))
 
 
-def blocks(shape: Shape, factor: float) -> list[Array]:
+def blocks(shape: LayerShape, factor: float) -> list[Array]:
     """Sections of the mount and of the frame that hold a flat laminate of revolution.
 
     Args:

@@ -13,18 +13,18 @@ from dealib.plots.contours import Scale, magnification, scale
 from dealib.plots.crests import TURN, lines, note, peel
 from dealib.plots.labels import plain
 from dealib.plots.render import PIXELS, Bodies, check_rendering, picture
-from dealib.plots.shape import Shape
+from dealib.plots.shape import LayerShape
 from dealib.plots.style import Theme
 from dealib.plots.surface import blocks
 from dealib.results.elements import Array
-from dealib.results.quantities import Quantity
+from dealib.results.quantities import FieldQuantity
 from dealib.results.sampling import Sampler
 
 _PLAIN_ANGLE = 60.0  # degrees by which layers without values are turned, to show those below
 CONDUCTORS, RIGID = "#3b3f52", "#8a939d"  # layers without a field; mount and frame
 
 
-def draw_field(shape: Shape, what: Quantity, look: Theme) -> Any:
+def draw_field(shape: LayerShape, what: FieldQuantity, look: Theme) -> Any:
     """Draw a quantity on a device as a figure: contours in a plane, views in three dimensions.
 
     Wrinkles of a body of revolution are drawn in space, since their crests leave the section.
@@ -40,8 +40,8 @@ def draw_field(shape: Shape, what: Quantity, look: Theme) -> Any:
 
 def fill(
     part: Any,
-    shape: Shape,
-    what: Quantity,
+    shape: LayerShape,
+    what: FieldQuantity,
     look: Theme,
     limits: tuple[float, float] | None = None,
 ) -> None:
@@ -80,7 +80,7 @@ def _opened(every: Bodies) -> Bodies:
     return [part for part in every if not part[1]] + [part for part in _half(every) if part[1]]
 
 
-def bodies(shape: Shape, what: Quantity, x: Array, values: Array) -> Bodies:
+def bodies(shape: LayerShape, what: FieldQuantity, x: Array, values: Array) -> Bodies:
     """The layers of a device in space, with all of its symmetric parts.
 
     Args:
@@ -111,7 +111,7 @@ def bodies(shape: Shape, what: Quantity, x: Array, values: Array) -> Bodies:
     return found
 
 
-def within(shape: Shape, low: Array, high: Array) -> list[float]:
+def within(shape: LayerShape, low: Array, high: Array) -> list[float]:
     """Bounds of all symmetric parts for `picture`, from those of the solved part, mm."""
     ends = np.stack([low, high])
     reached = np.concatenate([ends @ one for one in shape.mirrors])
@@ -133,8 +133,8 @@ class Scene:
     def __init__(
         self,
         axis: Any,
-        shape: Shape,
-        what: Quantity,
+        shape: LayerShape,
+        what: FieldQuantity,
         colours: Scale,
         look: Theme,
         span: tuple[Array, Array],
@@ -154,7 +154,7 @@ class Scene:
 # --- bodies of revolution ------------------------------------------------------------------------
 
 
-def draw_revolved(shape: Shape, what: Quantity, look: Theme) -> Any:
+def draw_revolved(shape: LayerShape, what: FieldQuantity, look: Theme) -> Any:
     """Draw three quarters of a body of revolution, each layer peeled off the one below it.
 
     Raises:
@@ -176,7 +176,7 @@ def draw_revolved(shape: Shape, what: Quantity, look: Theme) -> Any:
     return figure
 
 
-def _turned(shape: Shape, values: Array) -> Bodies:
+def _turned(shape: LayerShape, values: Array) -> Bodies:
     """The layers, and grey discs for mount and frame at the ends of a flat laminate."""
     factor = magnification(shape)
     moved, start = shape.moved(factor), 0

@@ -9,8 +9,8 @@ from typing import Any
 from dealib.config.program import Stage
 from dealib.config.stop import StopWhen
 from dealib.program.engine import Engine
-from dealib.program.history import COUNTS, Draft, History, State, numbers
-from dealib.program.knots import Fit, share
+from dealib.program.history import COUNTS, History, PendingRow, State, numbers
+from dealib.program.knots import InterpolatedRows, share
 from dealib.results.elements import Array
 
 
@@ -43,7 +43,7 @@ class Chosen:
     ) -> None:
         self._of, self._history, self._stage, self._more = of, history, stage, more
         self._rows, self._corners, self._least = rows, corners, 1 / stage.count
-        self._next: list[Draft] = []  # interpolated rows, and the state after them
+        self._next: list[PendingRow] = []  # interpolated rows, and the state after them
         p = of.progress
         if p.clock.now == 0:
             p.knots.start()
@@ -94,10 +94,10 @@ class Chosen:
         return [drive.at(at) for drive in self._of.drives]
 
     @staticmethod
-    def _unstable(draft: Draft) -> Any:
+    def _unstable(draft: PendingRow) -> Any:
         return (draft.values | draft.more).get("unstable_modes")
 
-    def _with_extremes(self, fit: Fit, draft: Draft) -> Fit:
+    def _with_extremes(self, fit: InterpolatedRows, draft: PendingRow) -> InterpolatedRows:
         """The same, judged by extremes over the device too (collective)."""
         extreme = self._history.extremes
         if not extreme.any():
@@ -106,7 +106,9 @@ class Chosen:
         values = numbers(draft)[extreme]
         return replace(fit, share=max(fit.share, share(guess, values, fit.allowed[extreme])))
 
-    def _interpolated(self, times: Sequence[float], fit: Fit, after: Draft) -> Iterator[Draft]:
+    def _interpolated(
+        self, times: Sequence[float], fit: InterpolatedRows, after: PendingRow
+    ) -> Iterator[PendingRow]:
         """Rows before a state: sums over the device are interpolated, extremes are taken of states.
 
         An extreme moves from place to place, so that its curve has kinks, which states have not.
@@ -119,7 +121,7 @@ class Chosen:
             named = {k: 0 if k in COUNTS else next(given) for k in after.values}
             named |= {k: v for k, v in after.values.items() if k == "unstable_modes"}
             ports = {name: (next(given), next(given)) for name in after.ports}
-            yield Draft(self._clock(at), named, ports, after.more | {"solved": 0}, peaks)
+            yield PendingRow(self._clock(at), named, ports, after.more | {"solved": 0}, peaks)
 
     def _state(self, weights: Array, last: list[Any]) -> Any:
         """A sum of the last known states, and of this one."""

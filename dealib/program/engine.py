@@ -19,7 +19,7 @@ from dealib.fem.charging import Charging
 from dealib.fem.films import field_normals
 from dealib.fem.inertia import Inertia
 from dealib.fem.layout import Layout
-from dealib.fem.modes import Modes
+from dealib.fem.modes import Eigenmodes
 from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem
 from dealib.fem.rigid import unheld
@@ -29,7 +29,7 @@ from dealib.program.flows import Flows
 from dealib.program.inputs import Drive, law, rest
 from dealib.program.leaps import Leaps
 from dealib.program.predictor import Predictor, remembered
-from dealib.program.progress import Progress
+from dealib.program.progress import ProgramState
 from dealib.results.checkpoint import Checkpoint
 
 
@@ -82,7 +82,7 @@ class Engine:
             memory=remembered(system.q.size),
         )
         self.leaps = Leaps(self.newton, self.layout)
-        self.progress = Progress(drives=rest(self.problem.device))
+        self.progress = ProgramState(drives=rest(self.problem.device))
         self.normals = None
         if self.problem.device.laminate is None:  # a mesh file does not give films a normal
             self.normals = field_normals(self.newton, self.layout)
@@ -175,7 +175,7 @@ class Engine:
             for port in self.problem.device.ports
         }
 
-    def mode_shapes(self, modes: Modes) -> tuple[Any, Any]:
+    def mode_shapes(self, modes: Eigenmodes) -> tuple[Any, Any]:
         """Displacements of modes of the present state on rank 0, (modes, nodes, axes) (collective).
 
         The longest displacement of each is 1; its largest component is positive.
@@ -214,7 +214,7 @@ class Engine:
             )
         system, w = self.newton.system, self.problem.spaces.w
         try:
-            self.progress = Progress.of(saved.values["progress"])
+            self.progress = ProgramState.of(saved.values["progress"])
         except Exception as error:  # the file's content can be anything
             raise ConfigError(f"damaged checkpoint ({error!r}); {anew()}") from None
         self.problem.set_prestretch(1.0)

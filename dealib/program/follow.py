@@ -32,7 +32,7 @@ LIMIT_POINT, BIFURCATION = "limit point", "bifurcation"
 
 
 @dataclass(frozen=True)
-class Found:
+class BranchState:
     """A state on the branch; the solver is at it.
 
     Attributes:
@@ -51,7 +51,7 @@ class Found:
     kind: str = ""
 
 
-class Branch:
+class BranchFollower:
     """Follows one branch.
 
     Attributes:
@@ -86,7 +86,7 @@ class Branch:
         self._system = newton.system
         self._rate: Any = None  # of the last state
 
-    def run(self) -> Iterator[Found]:
+    def run(self) -> Iterator[BranchState]:
         """Yield the states one after another, until `position.done`.
 
         Raises:
@@ -127,7 +127,7 @@ class Branch:
         direction, rate = self.pair.direction(self.newton, self.pair.arc(p.point, p.direction, 0.0))
         _, self._rate = _oriented(direction, rate, _along(direction, p.direction))
 
-    def _advance(self, kept: Any) -> tuple[Found, int]:
+    def _advance(self, kept: Any) -> tuple[BranchState, int]:
         """The next state, and its iterations; the step is halved where Newton's method fails."""
         p = self.position
         smallest = self._largest * 0.5**self.settings.max_cuts
@@ -143,7 +143,7 @@ class Branch:
                     raise NotConverged(f"the branch ends, or turns too sharply ({error})") from None
                 log.info("step along the branch cut to %.3g: %s", p.step, str(error))
 
-    def _step(self, kept: Any) -> tuple[Found, int]:
+    def _step(self, kept: Any) -> tuple[BranchState, int]:
         """The state after a step, or a special point or the end before it; and its iterations."""
         p = self.position
         at = p.length + p.step
@@ -164,7 +164,7 @@ class Branch:
 
     # --- states ----------------------------------------------------------------------------------
 
-    def _solve(self, kept: Any, step: float, guess: Any) -> Found:
+    def _solve(self, kept: Any, step: float, guess: Any) -> BranchState:
         """Find the state at a distance from the last one."""
         p = self.position
         self._system.ports[self.pair.port] = self.pair.arc(p.point, p.direction, step)
@@ -172,7 +172,7 @@ class Branch:
         self.newton.solve()
         return self._found(kept, step)
 
-    def _last(self, kept: Any) -> Found:
+    def _last(self, kept: Any) -> BranchState:
         """Find the state at the end of the second variable, from one just beyond it."""
         p = self.position
         self._system.ports[self.pair.port] = self.pair.end(self.end)
@@ -180,7 +180,7 @@ class Branch:
         moved = zip(p.direction, self.pair.point(self._system), p.point, p.sizes, strict=True)
         return self._found(kept, sum(d * (b - a) / size for d, b, a, size in moved))
 
-    def _found(self, kept: Any, step: float) -> Found:
+    def _found(self, kept: Any, step: float) -> BranchState:
         """The record of the solver's state, with its direction and its stability."""
         p, port = self.position, self.pair.port
         law, modes = self._system.ports[port], self._modes()
@@ -189,7 +189,7 @@ class Branch:
         self._system.ports[port] = law
         moved = self._system.q.copy()
         moved.axpy(-1.0, kept)
-        return Found(step, *_oriented(direction, rate, moved.dot(rate)), modes)
+        return BranchState(step, *_oriented(direction, rate, moved.dot(rate)), modes)
 
     def _modes(self) -> int:
         """Unstable modes of the solver's state under control of the freed variable."""
@@ -204,7 +204,7 @@ class Branch:
         before, now = self.position.point[1], self.pair.point(self._system)[1]
         return (now - self.end) * (before - self.end) <= 0
 
-    def _accept(self, found: Found) -> None:
+    def _accept(self, found: BranchState) -> None:
         p = self.position
         p.length += found.step
         p.point, p.direction = self.pair.point(self._system), found.direction
@@ -216,7 +216,7 @@ class Branch:
 
     # --- special points --------------------------------------------------------------------------
 
-    def _limit_point(self, kept: Any, reached: Found) -> Found | None:
+    def _limit_point(self, kept: Any, reached: BranchState) -> BranchState | None:
         """The limit point before a state, if there is one."""
         from scipy.optimize import brentq
 
@@ -239,7 +239,7 @@ class Branch:
         modes = reached.modes if p.modes is None else p.modes
         return replace(found, modes=modes, kind=LIMIT_POINT)
 
-    def _bifurcation(self, kept: Any, reached: Found) -> Found | None:
+    def _bifurcation(self, kept: Any, reached: BranchState) -> BranchState | None:
         """The first state with another number of unstable modes, if that changes in the step."""
         p = self.position
         if p.modes is None or reached.modes == p.modes:
@@ -252,7 +252,7 @@ class Branch:
         found = self._solve(kept, high * reached.step, between(high))
         return replace(found, kind=BIFURCATION)
 
-    def _between(self, kept: Any, reached: Found) -> Callable[[float], Any]:
+    def _between(self, kept: Any, reached: BranchState) -> Callable[[float], Any]:
         """A function of a share of the step: Hermite's cubic through both ends and their rates."""
         q, before, step = self._system.q.copy(), self._rate, reached.step
         after = step / _along(reached.direction, self.position.direction)

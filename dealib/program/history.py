@@ -78,7 +78,7 @@ class State:
         return self.engine.in_time()
 
 
-class Draft(NamedTuple):
+class PendingRow(NamedTuple):
     """A row before it is accepted.
 
     Attributes:
@@ -101,7 +101,7 @@ class Draft(NamedTuple):
 COUNTS = ("newton_iterations", "unstable_modes")  # columns without values between two states
 
 
-def numbers(draft: Draft) -> Array:
+def numbers(draft: PendingRow) -> Array:
     """What can be interpolated of a row: its columns, then values and duals of the ports."""
     values = [v for k, v in draft.values.items() if k not in COUNTS]
     return np.array([*values, *(x for pair in draft.ports.values() for x in pair)], dtype=float)
@@ -138,7 +138,7 @@ class History:
                 tried.enter_context(clock.tentative())
             return self.met_by(stage, [self.draft(at, {})])
 
-    def met_by(self, stage: Stage, drafts: Sequence[Draft]) -> list[StopWhen]:
+    def met_by(self, stage: Stage, drafts: Sequence[PendingRow]) -> list[StopWhen]:
         """The conditions that one of the next rows would meet."""
         rows, _ = self._rows(stage, drafts)
         return [condition for row in rows for condition in self._met(stage, row)]
@@ -146,9 +146,9 @@ class History:
     def accept(
         self,
         stage: Stage,
-        draft: Draft,
+        draft: PendingRow,
         last: bool,
-        between: Sequence[Draft] = (),
+        between: Sequence[PendingRow] = (),
     ) -> list[State]:
         """Accept the current state as the next row.
 
@@ -188,7 +188,7 @@ class History:
             State(row, last or bool(met), of, lost, modes),
         ]
 
-    def draft(self, at: float, more: dict[str, Any]) -> Draft:
+    def draft(self, at: float, more: dict[str, Any]) -> PendingRow:
         """Measure the present state (collective).
 
         Args:
@@ -204,7 +204,7 @@ class History:
             values["unstable_modes"] = snapshot.modes.unstable
         if self._auto:
             more = {**more, "solved": 1}
-        return Draft(at, values, of.port_pairs(), more, snapshot.peaks, snapshot)
+        return PendingRow(at, values, of.port_pairs(), more, snapshot.peaks, snapshot)
 
     def measure_extremes(self, q: Any) -> tuple[Array, dict[str, Extremum]]:
         """Those columns that are extremes, of a state that need not be in equilibrium (collective).
@@ -222,7 +222,9 @@ class History:
         system.expand(system.q)
         return np.array(found), snapshot.peaks
 
-    def _rows(self, stage: Stage, drafts: Sequence[Draft]) -> tuple[list[dict[str, Any]], Work]:
+    def _rows(
+        self, stage: Stage, drafts: Sequence[PendingRow]
+    ) -> tuple[list[dict[str, Any]], Work]:
         """Rows of the history that would follow the last one, and the work after them."""
         device, p = self._engine.problem.device, self._engine.progress
         work, rows = replace(p.work, done=dict(p.work.done)), []

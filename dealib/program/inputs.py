@@ -16,7 +16,7 @@ from dealib.config.wave import Wave
 from dealib.device.device import Device
 from dealib.device.records import Port, PortKind
 from dealib.fem.port_law import PortLaw
-from dealib.program.waves import Shape
+from dealib.program.waves import Waveform
 from dealib.units import DIMENSIONS, GRAVITY
 
 Kind = Literal["value", "load", "element"]
@@ -44,7 +44,7 @@ class Drive:
     knots: tuple[float, ...]
     sign: float = 1.0
     element: Element | Gas | Filled | None = None
-    shape: Shape | None = None
+    shape: Waveform | None = None
     weighs: bool = False
 
     def at(self, cycle_fraction: float) -> float:
@@ -80,7 +80,7 @@ class Drive:
     def of(cls, plain: dict[str, Any]) -> Drive:
         """Inverse of `plain`, also after a round trip through JSON."""
         element = plain["element"] and ELEMENT.validate_python(plain["element"])
-        shape = plain["shape"] and Shape.restored(plain["shape"])
+        shape = plain["shape"] and Waveform.restored(plain["shape"])
         knots = tuple(plain["knots"])
         return cls(**{**plain, "knots": knots, "element": element, "shape": shape})
 
@@ -244,7 +244,7 @@ def _moved(
     assert of is not None
     stage, quantity, dimension = of
     assert stage is not None
-    shape = Shape.of(course, stage, quantity, dimension)
+    shape = Waveform.of(course, stage, quantity, dimension)
     return replace(drive, knots=(shape.begin() if start is None else start,), shape=shape)
 
 

@@ -19,7 +19,7 @@ _SAFETY, _STEPS = 0.5, np.geomspace(2.0, 0.05, 60)  # of an increment, to try ne
 
 
 @dataclass(frozen=True)
-class Fit:
+class InterpolatedRows:
     """Rows before a new state.
 
     Attributes:
@@ -89,7 +89,7 @@ class Knots:
         times: Sequence[float],
         inputs: Callable[[float], Sequence[float]],
         smooth: Array,
-    ) -> Fit:
+    ) -> InterpolatedRows:
         """How the rows before a new state follow from it and the known ones.
 
         Args:
@@ -118,7 +118,7 @@ class Knots:
             allowed_ = TOLERANCE * np.ptp(both, axis=0) + _NOISE * np.abs(both).max(axis=0) + _TINY
             off = np.abs(inside @ given - exact) / allowed_
             worst = max(worst, float(off.max(initial=0.0)))
-        return Fit(rows, worst, allowed, ahead[order], inside, np.array(nodes))
+        return InterpolatedRows(rows, worst, allowed, ahead[order], inside, np.array(nodes))
 
 
 def share(guess: Array, values: Array, allowed: Array) -> float:

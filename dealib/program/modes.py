@@ -12,7 +12,7 @@ from dealib.config.case import Case
 from dealib.config.program import Stage
 from dealib.config.stop import StopWhen
 from dealib.errors import ConfigError, did_you_mean
-from dealib.fem.modes import Modes
+from dealib.fem.modes import Eigenmodes
 from dealib.fem.vibrations import MORE, Vibrations, vibrations
 from dealib.observe.quantities import columns
 from dealib.program.engine import Engine
@@ -73,7 +73,7 @@ def ends_program(state: State) -> bool:
 
 
 @dataclass
-class Watch:
+class ModesWatch:
     """Finds the vibrations about states, one after the other (collective).
 
     Attributes:
@@ -90,7 +90,7 @@ class Watch:
     count: int
     rows: list[dict[str, Any]] = field(default_factory=list)
     curve: list[dict[str, Any]] = field(default_factory=list)
-    _followed: Modes | None = None
+    _followed: Eigenmodes | None = None
 
     def __call__(self, state: State) -> State:
         """Find modes or frequencies of a state; at the end of a stage it gets the shapes."""
@@ -172,7 +172,7 @@ def _modes(
         yield {name: v if isinstance(v, (str, int)) else float(v) for name, v in mode.items()}
 
 
-def _point(of: Engine, row: dict[str, Any], modes: Modes) -> Iterator[tuple[str, Any]]:
+def _point(of: Engine, row: dict[str, Any], modes: Eigenmodes) -> Iterator[tuple[str, Any]]:
     """Row of a state on the curve of frequencies, with the variables of the ports."""
     for name in ("stage", "step", "time_s"):
         yield name, row[name]

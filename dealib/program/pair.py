@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dealib.device.device import Device
-from dealib.device.records import Port, Variable
+from dealib.device.records import Port, PortQuantity
 from dealib.fem.newton import Newton
 from dealib.fem.port_law import PortLaw
 from dealib.fem.problem import Problem
@@ -36,7 +36,7 @@ class PortVariable:
         return cls(name, device.variables[name])
 
     @property
-    def variable(self) -> Variable:
+    def variable(self) -> PortQuantity:
         """What it is."""
         stem = self.name.partition(".")[0]
         return next(v for v in self.port.kind.variables if v.name == stem)

@@ -16,7 +16,7 @@ _SMOOTH = 0.5  # largest error of a prediction over the step, on a smooth path
 
 
 @dataclass
-class Known:
+class PathState:
     """A converged state on the path.
 
     Attributes:
@@ -64,7 +64,7 @@ class Predictor:
     highest: int = 7
     retrace: bool = True
     memory: int = _MOST
-    path: list[Known] = field(default_factory=list)
+    path: list[PathState] = field(default_factory=list)
     segment: int = 0
     back: int | None = None
     _returned: bool = False
@@ -72,7 +72,7 @@ class Predictor:
 
     def add(self, at: float, inputs: tuple[Any, ...], q: Any, rate: Any = None) -> None:
         """Remember a converged state, and its rate if that is known."""
-        known = Known(at, inputs, q.copy(), rate=rate)
+        known = PathState(at, inputs, q.copy(), rate=rate)
         if self._returned:  # as smooth as on the way there
             known.smooth = self.path[(self.back or 0) + 1].smooth
         else:
@@ -143,7 +143,7 @@ class Predictor:
         """
         lost = len(plain["known"]) - len(states)
         self.path = [
-            Known(at, tuple(inputs), q, smooth, exact=exact)
+            PathState(at, tuple(inputs), q, smooth, exact=exact)
             for (at, inputs, smooth), q in zip(plain["known"][lost:], states, strict=True)
         ]
         self.segment, self._order = min(plain["segment"], len(states)), plain["order"]
@@ -185,7 +185,7 @@ class Predictor:
         return min(self.highest, len(known) + sum(k.rate is not None for k in known) - 1)
 
     @property
-    def _since(self) -> list[Known]:
+    def _since(self) -> list[PathState]:
         """The last states that a polynomial may need, back to the corner at most."""
         return self.path[-min(self.segment, self.highest + 1) :]
 

@@ -48,7 +48,7 @@ class Position:
 
 
 @dataclass
-class Progress:
+class ProgramState:
     """Everything that the rest of a program depends on, except for the fields.
 
     Attributes:
@@ -97,7 +97,7 @@ class Progress:
         return asdict(replace(self, drives={})) | {"drives": drives}
 
     @classmethod
-    def of(cls, plain: dict[str, Any]) -> Progress:
+    def of(cls, plain: dict[str, Any]) -> ProgramState:
         """Inverse of `plain`, also after a round trip through JSON."""
         given = dict(plain)
         given["clock"], given["work"] = StageClock(**given["clock"]), Work(**given["work"])

@@ -11,7 +11,7 @@ from dealib.config.case import Case
 from dealib.errors import PlatformError
 from dealib.program.history import State
 from dealib.program.simulation import Simulation
-from dealib.results.writer import Opening, Record, Writer
+from dealib.results.writer import Record, Writer, WriterSetup
 from dealib.versions import versions
 
 
@@ -29,7 +29,7 @@ class Recorder:
         self,
         directory: Path,
         case: Case,
-        begin: Callable[[Opening], Writer],
+        begin: Callable[[WriterSetup], Writer],
         resumable: bool = True,
     ) -> None:
         self._directory, self._case, self._begin = directory, case, begin
@@ -48,7 +48,7 @@ class Recorder:
         texts |= {f"versions/{k}": v for k, v in versions().items()}
         mesh, done = engine.layout.mesh, simulation.progress.step
         opening = self._directory, self._case.config, mesh, texts, done, self._resumable
-        self._writer = self._begin(Opening(*opening))
+        self._writer = self._begin(WriterSetup(*opening))
 
     def see(self, state: State) -> None:
         """See `Observer`."""

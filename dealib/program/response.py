@@ -66,7 +66,7 @@ def terminal_of(config: Config, name: str | None) -> Port:
 
 
 @dataclass
-class Spectrum:
+class SpectrumWatch:
     """Finds the spectrum at the end of a stage (collective).
 
     Attributes:
@@ -170,7 +170,7 @@ def solve_spectrum(
     terminal = terminal_of(case.config, band.of)
     hertz, driver = frequencies(*band.band, band.points), Driver(band.series_resistance)
     path = directory / spectra.RESPONSE
-    spectrum = Spectrum(stage, terminal.name, hertz, driver, path=path)
+    spectrum = SpectrumWatch(stage, terminal.name, hertz, driver, path=path)
     with case.blamed():
         simulate(at_rest(case, [stage] if stage else []), directory, look=spectrum, **options)
     spectrum.check()

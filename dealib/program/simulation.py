@@ -18,7 +18,7 @@ from dealib.program.engine import Engine
 from dealib.program.history import History, State
 from dealib.program.increments import StageClock
 from dealib.program.inputs import drives
-from dealib.program.progress import Progress
+from dealib.program.progress import ProgramState
 from dealib.program.stages import follow, prestrain, ramp
 from dealib.program.turns import alone
 from dealib.results.checkpoint import Checkpoint
@@ -76,7 +76,7 @@ class Simulation:
         return f"<Simulation {self.case.config.name}: {self.unknowns} unknowns, {steps}>"
 
     @property
-    def progress(self) -> Progress:
+    def progress(self) -> ProgramState:
         """How far the program has come."""
         return self.engine.progress
 
@@ -111,7 +111,7 @@ class Simulation:
                 run = ramp if stage.follow is None else follow
                 yield from run(engine, history, stage)
 
-    def beside(self, other: Progress, q: Any) -> State:
+    def beside(self, other: ProgramState, q: Any) -> State:
         """Find the state by one Newton step from that of a nearly equal simulation (collective).
 
         Args:

@@ -14,7 +14,7 @@ from dealib.device.records import CHAMBER, TERMINAL
 from dealib.errors import ConfigError, NotConverged
 from dealib.program.chosen import Chosen, to_halve
 from dealib.program.engine import Engine
-from dealib.program.follow import BIFURCATION, LIMIT_POINT, Branch
+from dealib.program.follow import BIFURCATION, LIMIT_POINT, BranchFollower
 from dealib.program.history import History, State
 from dealib.program.increments import Increments
 from dealib.program.inputs import driven_by, law, milestones, plain_drive
@@ -105,7 +105,7 @@ def follow(of: Engine, history: History, stage: Stage) -> Iterator[State]:
         p.branch = Position((vary.size(of.problem), way))
     pair = Pair(vary, along, p.branch.sizes)
     goal = limits.get(vary)
-    branch = Branch(
+    branch = BranchFollower(
         of.newton, of.config.solver, of.predictor, pair, end, stage.count, p.branch, goal
     )
     name = vary.name.partition(".")[0]

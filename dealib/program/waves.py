@@ -17,7 +17,7 @@ _TIME = "time_s"
 
 
 @dataclass(frozen=True)
-class Shape:
+class Waveform:
     """A wave in a stage.
 
     Attributes:
@@ -35,7 +35,7 @@ class Shape:
     values: tuple[float, ...] = ()
 
     @classmethod
-    def of(cls, wave: Wave, stage: Stage, quantity: str, dimension: str) -> Shape:
+    def of(cls, wave: Wave, stage: Stage, quantity: str, dimension: str) -> Waveform:
         """A wave of a stage.
 
         Args:
@@ -79,7 +79,7 @@ class Shape:
         return {**vars(self), "wave": {k: v for k, v in vars(self.wave).items() if v is not None}}
 
     @classmethod
-    def restored(cls, plain: dict[str, Any]) -> Shape:
+    def restored(cls, plain: dict[str, Any]) -> Waveform:
         """Inverse of `plain`, also after a round trip through JSON."""
         times, values = (tuple(plain[k]) for k in ("times", "values"))
         wave = Wave.model_construct(**plain["wave"])

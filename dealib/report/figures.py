@@ -17,12 +17,12 @@ from dealib.plots.labels import label, plain, split
 from dealib.plots.limits import uses
 from dealib.plots.mesh import draw_mesh
 from dealib.plots.profiles import draw_profiles
-from dealib.plots.shape import Shape, step_of, typical_step
+from dealib.plots.shape import LayerShape, step_of, typical_step
 from dealib.plots.style import Theme, save, theme
 from dealib.plots.views import draw_field
-from dealib.results.quantities import SURFACE_CHARGE, Quantity, main_stress, quantity
+from dealib.results.quantities import SURFACE_CHARGE, FieldQuantity, main_stress, quantity
 from dealib.results.reader import Run
-from dealib.results.section import Section
+from dealib.results.section import RunSection
 from dealib.results.summary import stored_note, under_voltage
 
 _MIME = {"svg": "image/svg+xml", "png": "image/png"}
@@ -76,14 +76,14 @@ def pictures(run: Run) -> tuple[dict[str, Picture], list[str]]:
     return found, lost
 
 
-def shown(run: Run) -> list[Quantity]:
+def shown(run: Run) -> list[FieldQuantity]:
     """Fields of the report: the electric field, and the stresses along and across the layers."""
-    device, section = run.config.device, Section(run)
+    device, section = run.config.device, RunSection(run)
     names = [main_stress(device), f"S_{2 * device.kinematics.axes[section.across]}"]
     return [quantity(name, device.kinematics) for name in dict.fromkeys(["E", *names])]
 
 
-def turned(run: Run) -> list[Quantity]:
+def turned(run: Run) -> list[FieldQuantity]:
     """Fields of the interactive view; the first one is shown at first."""
     charged = bool(under_voltage(run.history).any()) and not stored_note(run)
     field, *stresses = shown(run)
@@ -96,12 +96,12 @@ def _fields(run: Run) -> dict[str, Picture]:
     """Fields at the largest voltage."""
     if not run.stored_steps:
         return {}
-    shape = Shape(run, typical_step(run))
+    shape = LayerShape(run, typical_step(run))
     charged = bool(under_voltage(run.history)[run.history["step"] == shape.step].all())
     whats = shown(run)[not charged :]
     found = {what.name: both(partial(draw_field, shape, what), "png") for what in whats}
     mode = quantity("mode", shape.kinematics)
-    bent = Shape(run, step_of(run, mode), mode=mode.field)
+    bent = LayerShape(run, step_of(run, mode), mode=mode.field)
     if mode.field in bent.arrays:
         found[mode.name] = both(partial(draw_field, bent, mode), "png")
     if shape.core is None:
@@ -114,7 +114,7 @@ def _wrinkles(run: Run) -> dict[str, Picture]:
     """Wrinkles of a tension field, at the step at which the electric field is drawn."""
     if run.config.physics.wrinkling != "tension_field" or not run.stored_steps:
         return {}
-    shape = Shape(run, typical_step(run))
+    shape = LayerShape(run, typical_step(run))
     what = quantity("wrinkling", shape.kinematics)
     return {"wrinkling": both(partial(draw_field, shape, what), "png")}
 

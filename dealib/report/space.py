@@ -13,12 +13,12 @@ from matplotlib.colors import to_hex
 from dealib.errors import PlatformError
 from dealib.plots.contours import magnification, scale, scale_note
 from dealib.plots.crests import COLOUR, strokes
-from dealib.plots.shape import Shape, drawn, typical_step
+from dealib.plots.shape import LayerShape, drawn, typical_step
 from dealib.plots.style import LIGHT
 from dealib.plots.surface import Patch, blocks, patches, turned_block
 from dealib.plots.views import CONDUCTORS, RIGID
 from dealib.results.elements import Array
-from dealib.results.quantities import Quantity
+from dealib.results.quantities import FieldQuantity
 from dealib.results.reader import Run
 
 _STEPS, _TRIANGLES, _BYTES = 40, 60_000, 20e6  # at most, in a page
@@ -41,7 +41,7 @@ def library() -> str:
     return str(get_plotlyjs())
 
 
-def view(run: Run, whats: Sequence[Quantity]) -> dict[str, Any]:
+def view(run: Run, whats: Sequence[FieldQuantity]) -> dict[str, Any]:
     """The data that the page's script draws; empty for devices in a plane or without stored steps.
 
     Coordinates and values are 16-bit numbers between the ends that are given with them.
@@ -102,11 +102,11 @@ def view(run: Run, whats: Sequence[Quantity]) -> dict[str, Any]:
     }
 
 
-def _shape(run: Run, step: int) -> Shape:
-    return Shape(run, step, n=2)
+def _shape(run: Run, step: int) -> LayerShape:
+    return LayerShape(run, step, n=2)
 
 
-def _parts(shape: Shape, whats: Sequence[Quantity]) -> list[tuple[str, list[Patch]]]:
+def _parts(shape: LayerShape, whats: Sequence[FieldQuantity]) -> list[tuple[str, list[Patch]]]:
     """The surfaces of films and of conductors, each with its colour where it has no values.
 
     Half of the conductors' surface is left out, so that the films below are seen.
@@ -124,7 +124,7 @@ def _parts(shape: Shape, whats: Sequence[Quantity]) -> list[tuple[str, list[Patc
     return found
 
 
-def _dielectrics(shape: Shape) -> list[str]:
+def _dielectrics(shape: LayerShape) -> list[str]:
     from dealib.results.quantities import quantity
 
     return drawn(shape.run, quantity("E", shape.kinematics))
@@ -152,7 +152,7 @@ def _box(every: Sequence[Patch], moved: Array) -> list[list[float]]:
     return np.stack([low - room, high + room], axis=1).tolist()
 
 
-def coloured(shape: Shape, what: Quantity, values: Array) -> dict[str, Any]:
+def coloured(shape: LayerShape, what: FieldQuantity, values: Array) -> dict[str, Any]:
     """Name, unit and colour scale of a quantity, with the colours of the other pictures."""
     colours, there = scale(shape, values, LIGHT, what), values[np.isfinite(values)]
     shades = colormaps[colours.cmap](np.linspace(0, 1, _COLOURS))
@@ -168,7 +168,7 @@ def coloured(shape: Shape, what: Quantity, values: Array) -> dict[str, Any]:
 
 
 def _patch(
-    patch: Patch, moved: Array, ends: Array, values: Array, whats: Sequence[Quantity]
+    patch: Patch, moved: Array, ends: Array, values: Array, whats: Sequence[FieldQuantity]
 ) -> dict[str, Any]:
     """A patch with its points and values at all steps."""
     mine = {}

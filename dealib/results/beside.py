@@ -22,7 +22,7 @@ from dealib.errors import PlatformError
 from dealib.results.lock import Lock
 
 if TYPE_CHECKING:
-    from dealib.results.writer import Opening, Record
+    from dealib.results.writer import Record, WriterSetup
 
 _AHEAD = 4  # messages that may be unanswered
 _CODE = "import sys; sys.path[:] = {path!r}; from dealib.results.beside import main; main({file})"
@@ -62,7 +62,7 @@ class Beside:
         self._socket.close()  # which ends the process
         self._process.wait()
 
-    def open(self, opening: Opening, lock: Lock) -> Beside:
+    def open(self, opening: WriterSetup, lock: Lock) -> Beside:
         """Open the files of a run, and share the run directory's lock."""
         with suppress(OSError):  # it has left; the next message tells why
             socket.send_fds(self._socket, [b"-"], lock.descriptors)
@@ -86,7 +86,7 @@ class Beside:
             if isinstance(found, float):
                 return found
 
-    def _send(self, message: Opening | Record | None) -> None:
+    def _send(self, message: WriterSetup | Record | None) -> None:
         while self._due >= _AHEAD or self._link.poll():
             self._answer()
         try:

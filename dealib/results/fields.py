@@ -50,7 +50,7 @@ class Fields:
         self._parts = []
         for material, cells in _by_material(config, mesh):
             blocks = np.split(cells, range(at_once, len(cells), at_once))
-            points = partial(local.Points.of, kinematics, material, mesh.cell)
+            points = partial(local.CellPoints.of, kinematics, material, mesh.cell)
             kept = len(blocks) == 1
             found = [_Block(mesh, c, np.searchsorted(viscous, c), points, kept) for c in blocks]
             self._parts.append(_Part(material, found, Average(mesh, blocks)))
@@ -167,11 +167,11 @@ class _Block:
     mesh: ResultMesh
     cells: Ints
     viscous: Ints
-    make: Callable[[Array, Array], local.Points]
+    make: Callable[[Array, Array], local.CellPoints]
     kept: bool
-    _points: local.Points | None = None
+    _points: local.CellPoints | None = None
 
-    def points(self) -> local.Points:
+    def points(self) -> local.CellPoints:
         """Their Gauss points."""
         found = self._points
         if found is None:

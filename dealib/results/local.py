@@ -62,7 +62,7 @@ def deformed(F: Array, v: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Points:
+class CellPoints:
     """Points in cells of one material, with their shape functions.
 
     Attributes:
@@ -87,7 +87,7 @@ class Points:
         cell: Cell,
         nodes: Array,
         points: Array,
-    ) -> Points:
+    ) -> CellPoints:
         """Reference points (points, dim) in cells of given nodes (cells, nodes, axes)."""
         mesh = nodes[..., list(kinematics.lies)]
         N, dN = cell.shape(points)[0], gradients(cell, mesh, points)[1]

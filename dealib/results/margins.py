@@ -232,7 +232,7 @@ def fields(
         film = Film.of(material, mounted_fresh(config, regions[0]), frame)
         nodes, nodal = mesh.nodes[cells], state[mesh.cells[cells]]
         kinematics, cell = config.device.kinematics, mesh.cell
-        points = local.Points.of(kinematics, material, cell, nodes, cell.gauss)
+        points = local.CellPoints.of(kinematics, material, cell, nodes, cell.gauss)
         mine = None
         if internal is not None and material.remembers:
             mine = internal[np.searchsorted(viscous, cells)]

@@ -20,7 +20,7 @@ NOISE = 1e-14  # smaller values are rounding, in internal units: at 0 V the fiel
 
 
 @dataclass(frozen=True)
-class Quantity:
+class FieldQuantity:
     """A scalar to draw.
 
     Attributes:
@@ -94,29 +94,29 @@ class Quantity:
 
 
 @cache
-def quantities(kinematics: Kinematics) -> dict[str, Quantity]:
+def quantities(kinematics: Kinematics) -> dict[str, FieldQuantity]:
     """All fields of a kind of space by name; names contain components, with T for theta."""
     found = [
-        Quantity("phi", "Electric potential φ", "kV", "phi"),
-        Quantity("J", "Volume ratio J", "", "J"),
-        Quantity("wrinkling", "Wrinkling: excess length", "", "wrinkling"),
-        Quantity("tension", "Smallest in-plane stress", "MPa", "tension"),
+        FieldQuantity("phi", "Electric potential φ", "kV", "phi"),
+        FieldQuantity("J", "Volume ratio J", "", "J"),
+        FieldQuantity("wrinkling", "Wrinkling: excess length", "", "wrinkling"),
+        FieldQuantity("tension", "Smallest in-plane stress", "MPa", "tension"),
     ]
     for key, (name, *_) in MARGINS.items():
-        found.append(Quantity(key, f"{name.capitalize()}: use (1 is the limit)", "", key))
+        found.append(FieldQuantity(key, f"{name.capitalize()}: use (1 is the limit)", "", key))
     for key, label, unit, field, factor in (
         ("u", "Displacement", "mm", "u", 1.0),
         ("E", "Electric field", "MV/m", "E", 1.0),
         ("D", "Electric displacement", "mC/m²", "D", 1e3),
     ):
-        found.append(Quantity(key, f"{label} |{key}|", unit, field, None, factor))
+        found.append(FieldQuantity(key, f"{label} |{key}|", unit, field, None, factor))
         found += [
-            Quantity(f"{key}_{c}", f"{label} {key}$_{c}$", unit, field, (k,), factor)
+            FieldQuantity(f"{key}_{c}", f"{label} {key}$_{c}$", unit, field, (k,), factor)
             for k, c in enumerate(kinematics.axes)
         ]
     for k in range(1, 10):
         name = "mode" + (str(k) if k > 1 else "")
-        found.append(Quantity(name, f"Mode {k}: displacement over the largest", "", name))
+        found.append(FieldQuantity(name, f"Mode {k}: displacement over the largest", "", name))
     letters = [c[0].upper() for c in kinematics.components]
     pairs = [(k, k) for k in range(3)] + list(combinations(range(kinematics.dim), 2))
     for key, symbol, label, field in (
@@ -128,16 +128,16 @@ def quantities(kinematics: Kinematics) -> dict[str, Quantity]:
             sub = "".join(letters[k] for k in pair)
             index = sub.replace("T", r"\theta ")
             shown = f"{label} {symbol}$_{{{index}}}$"
-            found.append(Quantity(f"{key}_{sub}", shown, "MPa", field, pair))
+            found.append(FieldQuantity(f"{key}_{sub}", shown, "MPa", field, pair))
     return {q.name: q for q in found}
 
 
-SURFACE_CHARGE = Quantity("D_n", "Surface charge density D·n", "mC/m²", "D", factor=1e3)
+SURFACE_CHARGE = FieldQuantity("D_n", "Surface charge density D·n", "mC/m²", "D", factor=1e3)
 
 
 def quantity(
-    name: str, kinematics: Kinematics, kind: str = "field", also: tuple[Quantity, ...] = ()
-) -> Quantity:
+    name: str, kinematics: Kinematics, kind: str = "field", also: tuple[FieldQuantity, ...] = ()
+) -> FieldQuantity:
     """Find a quantity by its name.
 
     Args:

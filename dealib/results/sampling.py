@@ -126,7 +126,7 @@ class Sampler:
         return self(self.mesh.points)
 
 
-class Strip:
+class LayerStrip:
     """A layer between two faces, in which points are given by fractions along and across it.
 
     Args:

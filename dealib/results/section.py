@@ -10,10 +10,10 @@ from dealib.device.kinematics import SheetKinematics
 from dealib.results.elements import Array, Cell, determinant, gradients
 from dealib.results.mesh import Ints, ResultMesh
 from dealib.results.reader import Run
-from dealib.results.sampling import Strip
+from dealib.results.sampling import LayerStrip
 
 
-class Section:
+class RunSection:
     """The mesh and the fields of a run, to be sampled and drawn.
 
     For a membrane in a plane the mesh has quadrilaterals with the thickness of the layers.
@@ -43,7 +43,7 @@ class Section:
         found["u"] = found["u"] + self._height[:, None] * moved[self._source]
         return found
 
-    def layer(self, region: str) -> Strip:
+    def layer(self, region: str) -> LayerStrip:
         """A region as a strip.
 
         Raises:
@@ -54,7 +54,7 @@ class Section:
                 f"fields along {region!r} are known for layers in a plane only; this device "
                 + ("is a mesh of its own" if self.device.laminate is None else "is in space")
             )
-        return Strip(self.mesh, region, self.across)
+        return LayerStrip(self.mesh, region, self.across)
 
     def _thick(self) -> tuple[ResultMesh, Ints, Array]:
         """Quadrilaterals on the line's cells; for each node its node on the line and height, mm."""

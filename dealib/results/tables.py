@@ -35,7 +35,7 @@ POTENTIAL = "potential_mJ"
 _KINDS = {kind.primal.column: kind for kind in KINDS.values()}
 
 
-class Tables:
+class DeviceTables:
     """A device as two or three ports, on a grid of their values.
 
     `tables["force_N"]` is an array over the grid, `tables["voltage_kV"]` an axis of it.
@@ -237,7 +237,7 @@ def _factor(axis: str) -> float:
     return kind.sign * kind.primal.factor * kind.dual.factor
 
 
-def collect(run: Run) -> Tables:
+def collect(run: Run) -> DeviceTables:
     """Collect the tables of a run whose config has the key `tables`.
 
     Raises:
@@ -257,7 +257,7 @@ def collect(run: Run) -> Tables:
     if missing := int((rows < 0).sum()):
         raise ConfigError(f"{run.directory}: {missing} of {rows.size} nodes are not solved")
     columns = {name: h[name].to_numpy()[rows] for name in names}
-    return Tables({**axes, **columns, POTENTIAL: potential.to_numpy()[rows]}, rows)
+    return DeviceTables({**axes, **columns, POTENTIAL: potential.to_numpy()[rows]}, rows)
 
 
 def _rows(at: Array, grids: Sequence[Array]) -> npt.NDArray[np.int64]:
@@ -272,7 +272,7 @@ def _rows(at: Array, grids: Sequence[Array]) -> npt.NDArray[np.int64]:
     return found
 
 
-def load(path: str | Path) -> Tables:
+def load(path: str | Path) -> DeviceTables:
     """Tables from their folder, or from one of their files (.csv, .h5, .mat).
 
     Raises:
@@ -284,7 +284,7 @@ def load(path: str | Path) -> Tables:
         makes = by_caller("dealib export CONFIG", "dealib.export_tables(case)")
         raise ConfigError(f"{path}: no tables here; {makes} makes them")
     try:
-        return Tables(dict(_read(file)))
+        return DeviceTables(dict(_read(file)))
     except Exception as error:  # the readers raise theirs as they come
         raise ConfigError(f"{file}: no tables of dealib ({error})") from None
 

@@ -18,7 +18,7 @@ from dealib.results.rows import Stream, Transferred
 
 
 @dataclass(frozen=True)
-class Opening:
+class WriterSetup:
     """What a writer needs to open the files of a run.
 
     Attributes:
@@ -88,7 +88,7 @@ class Writer(Protocol):
 class StepWriter:
     """Writes each record in the step itself."""
 
-    def __init__(self, opening: Opening) -> None:
+    def __init__(self, opening: WriterSetup) -> None:
         directory, mesh, done = opening.directory, opening.mesh, opening.done
         self.seconds = 0.0
         self._mesh = mesh.fingerprint

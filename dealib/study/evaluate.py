@@ -14,7 +14,7 @@ from dealib.errors import ConfigError, did_you_mean
 from dealib.results.elements import Array
 from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression
 from dealib.study.outcome import Outcome
-from dealib.study.plan import Plan, fill, selected
+from dealib.study.plan import StudyPlan, fill, selected
 from dealib.study.schema import INSERT, Curves, Points, Where
 from dealib.study.scope import setting
 from dealib.study.sweep import CaseStatus
@@ -60,7 +60,7 @@ class Results:
         ConfigError: If an expression needs something that the results do not have.
     """
 
-    def __init__(self, plan: Plan, cache: Cache, statuses: Sequence[CaseStatus]) -> None:
+    def __init__(self, plan: StudyPlan, cache: Cache, statuses: Sequence[CaseStatus]) -> None:
         self.plan, self.study, self.statuses = plan, plan.study, tuple(statuses)
         self.cache = cache
         self.outcomes: dict[str, Outcome] = {}

@@ -15,7 +15,7 @@ from dealib.study.windows import Verdict
 
 
 @dataclass(frozen=True)
-class Entry:
+class GalleryEntry:
     """A study on the page.
 
     Attributes:
@@ -80,7 +80,7 @@ class Entry:
         return out
 
 
-def page(title: str, entries: Sequence[Entry]) -> str:
+def page(title: str, entries: Sequence[GalleryEntry]) -> str:
     """The HTML of the gallery.
 
     Args:

@@ -14,12 +14,12 @@ from dealib.materials.response import response
 from dealib.results import spectra
 from dealib.results.elements import Array
 from dealib.results.reader import Run
-from dealib.results.sampling import Strip
-from dealib.results.section import Section
+from dealib.results.sampling import LayerStrip
+from dealib.results.section import RunSection
 from dealib.study import sample
 from dealib.study.expressions import Expression, Function
 from dealib.study.plan import Planned
-from dealib.study.rows import Rows
+from dealib.study.rows import StageRows
 from dealib.study.schema import MaterialTest
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ class Outcome:
     def __init__(self, case: Planned, run: Run | None) -> None:
         self.case, self.run = case, run
         self._arrays: dict[str, dict[str, Array]] = {}
-        self._strips: dict[str, Strip] = {}
+        self._strips: dict[str, LayerStrip] = {}
 
     @cached_property
     def history(self) -> pandas.DataFrame:
@@ -70,11 +70,11 @@ class Outcome:
         return expression(self._rows.names, self._functions)
 
     @cached_property
-    def _rows(self) -> Rows:
+    def _rows(self) -> StageRows:
         h = self.history
         names = {str(c): h[c].to_numpy(float) for c in h.columns if c != "stage"}
         stages = h["stage"].to_numpy() if "stage" in h else np.full(len(h), "")
-        return Rows(names, stages, self.case.work)
+        return StageRows(names, stages, self.case.work)
 
     @cached_property
     def _functions(self) -> Mapping[str, Function]:
@@ -138,7 +138,7 @@ class Outcome:
         stored = self.history[self.history["step"].isin(steps)]
         return int(stored["step"].iloc[int((stored["time_s"] - time).abs().to_numpy().argmin())])
 
-    def strip(self, region: str) -> Strip:
+    def strip(self, region: str) -> LayerStrip:
         """The strip of cells of a region.
 
         Raises:
@@ -151,9 +151,9 @@ class Outcome:
         return self._strips[region]
 
     @cached_property
-    def _section(self) -> Section:
+    def _section(self) -> RunSection:
         assert self.run is not None
-        return Section(self.run)
+        return RunSection(self.run)
 
     @property
     def config(self) -> Config:

@@ -17,7 +17,7 @@ from matplotlib.collections import PolyCollection
 from dealib.errors import PlatformError
 from dealib.plots import contours, render, views
 from dealib.plots.labels import plain
-from dealib.plots.shape import Shape
+from dealib.plots.shape import LayerShape
 from dealib.plots.style import LIGHT, theme
 from dealib.results.quantities import quantity
 from dealib.results.summary import values_told
@@ -120,7 +120,7 @@ def _fields(part: Any, results: Results, index: int) -> None:
     try:
         if isinstance(panel, Contour):
             name = plain(panel.label)
-            shape = Shape(outcome.run, outcome.step(panel.stage))
+            shape = LayerShape(outcome.run, outcome.step(panel.stage))
             what = quantity(panel.field, shape.kinematics)
             what = replace(what, label=name, unit="", factor=panel.factor)
             if shape.solid:
@@ -128,7 +128,7 @@ def _fields(part: Any, results: Results, index: int) -> None:
             else:
                 contours.fill(part, shape, what, LIGHT, panel.limits, panel.zoom)
         else:
-            shapes = [Shape(outcome.run, outcome.nearest(t)) for t in panel.times]
+            shapes = [LayerShape(outcome.run, outcome.nearest(t)) for t in panel.times]
             (_views if shapes[0].solid else _shapes)(part, shapes)
         _clear(part)
     except PlatformError as error:
@@ -139,7 +139,7 @@ def _fields(part: Any, results: Results, index: int) -> None:
         part.suptitle(plain(panel.title), fontsize="medium")
 
 
-def _views(part: Any, shapes: list[Shape]) -> None:
+def _views(part: Any, shapes: list[LayerShape]) -> None:
     """A three-dimensional device at several steps, true to scale, from one point of view."""
     render.check_rendering()
     moved = [shape.moved() for shape in shapes]
@@ -157,7 +157,7 @@ def _views(part: Any, shapes: list[Shape]) -> None:
         axis.set_axis_off()
 
 
-def _told(shape: Shape) -> str:
+def _told(shape: LayerShape) -> str:
     return plain(f"{shape.row['time_s']:g} s: {values_told(shape.run, shape.row, 3)}")
 
 
@@ -168,7 +168,7 @@ def _clear(part: Any) -> None:
         image.set_data(np.dstack([seen, 255 * (seen != 255).any(axis=2).astype(np.uint8)]))
 
 
-def _shapes(part: Any, shapes: list[Shape]) -> None:
+def _shapes(part: Any, shapes: list[LayerShape]) -> None:
     """The layers at several steps, true to scale."""
     axis = part.subplots()
     for i, shape in enumerate(shapes):

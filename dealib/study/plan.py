@@ -56,7 +56,7 @@ class Planned:
 
 
 @dataclass(frozen=True)
-class Plan:
+class StudyPlan:
     """A study and its cases.
 
     Attributes:
@@ -88,7 +88,7 @@ def selected(case: Planned, where: Where) -> bool:
     )
 
 
-def read(path: Path) -> Plan:
+def read(path: Path) -> StudyPlan:
     """Read a study and validate all its cases.
 
     Raises:
@@ -116,7 +116,7 @@ def read(path: Path) -> Plan:
         raise ConfigError(
             source.message(("label",), f"several cases are named {sorted(twice)[0]!r}")
         )
-    plan = Plan(study, path, tuple(cases), source)
+    plan = StudyPlan(study, path, tuple(cases), source)
     scope.check(plan)
     return plan
 

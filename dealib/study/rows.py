@@ -18,7 +18,7 @@ from dealib.study.scope import Work, setting
 _VOLTS = TERMINAL.primal.column
 
 
-class Rows:
+class StageRows:
     """The rows of a history by stage.
 
     Args:

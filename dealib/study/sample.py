@@ -10,7 +10,7 @@ from dealib.errors import did_you_mean
 from dealib.results.elements import Array
 from dealib.results.local import region_materials
 from dealib.results.quantities import SURFACE_CHARGE, quantities
-from dealib.results.sampling import Strip
+from dealib.results.sampling import LayerStrip
 
 CHARGE, LENGTH = SURFACE_CHARGE.name, "length"
 
@@ -70,7 +70,7 @@ def _nodal(arrays: dict[str, Array], name: str) -> Array:
     return what.of(arrays) / what.factor
 
 
-def along(strip: Strip, arrays: dict[str, Array], name: str, across: float) -> Array:
+def along(strip: LayerStrip, arrays: dict[str, Array], name: str, across: float) -> Array:
     """A field along a strip, at the positions of its nodes from the inner end outwards, (nodes,).
 
     Besides the fields there are `length`, the undeformed distance from the inner end (mm), and
@@ -90,13 +90,13 @@ def along(strip: Strip, arrays: dict[str, Array], name: str, across: float) -> A
     return np.interp(strip.start + s * strip.length, R, density)
 
 
-def across(strip: Strip, arrays: dict[str, Array], name: str, s: float) -> Array:
+def across(strip: LayerStrip, arrays: dict[str, Array], name: str, s: float) -> Array:
     """A field through the thickness of a strip at a fraction s of its length, (41,)."""
     t = np.linspace(0, 1, 41)
     return strip.at(_nodal(arrays, name), np.full(len(t), s), t)
 
 
-def at(strip: Strip, arrays: dict[str, Array], name: str, s: float, across: float) -> float:
+def at(strip: LayerStrip, arrays: dict[str, Array], name: str, s: float, across: float) -> float:
     """A field at a fraction of a strip's length and thickness (see `along` for the names)."""
     if name in (LENGTH, CHARGE):
         return float(np.interp(s, strip.positions, along(strip, arrays, name, across)))

@@ -15,12 +15,12 @@ from dealib.study.expressions import OF_A_CASE, OF_A_HISTORY, OF_ALL_CASES, Expr
 from dealib.study.schema import Contour, Curves, MaterialTest, Points, Shapes, Where
 
 if TYPE_CHECKING:
-    from dealib.study.plan import Plan, Planned
+    from dealib.study.plan import Planned, StudyPlan
 
 Work = Config | MaterialTest
 
 
-def check(plan: Plan) -> None:
+def check(plan: StudyPlan) -> None:
     """Check that the cases of a study will have all that its expressions use.
 
     Raises:
@@ -51,7 +51,7 @@ def check(plan: Plan) -> None:
         _check_labels(plan, ("windows", i), window.where)
 
 
-def _check_labels(plan: Plan, part: tuple[str | int, ...], where: Where) -> None:
+def _check_labels(plan: StudyPlan, part: tuple[str | int, ...], where: Where) -> None:
     """Raise `ConfigError` if a selection names a label that its axis does not have."""
     for axis, given in where.items():
         known = list(dict.fromkeys(case.axes[axis] for case in plan.cases))
@@ -64,7 +64,7 @@ def _check_labels(plan: Plan, part: tuple[str | int, ...], where: Where) -> None
 Found = tuple[tuple[str | int, ...], str, Mapping[str, Signature], "list[Planned]"]
 
 
-def _expressions(plan: Plan) -> Iterable[Found]:
+def _expressions(plan: StudyPlan) -> Iterable[Found]:
     """Place, text, functions and cases of each expression."""
     study = plan.study
     for name, text in study.quantities.items():

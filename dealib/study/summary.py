@@ -11,7 +11,7 @@ from dealib.cases.cache import DONE, FAILED, Cache
 from dealib.cases.job import Ended
 from dealib.files import write_text
 from dealib.study.evaluate import Results
-from dealib.study.plan import Plan, Planned
+from dealib.study.plan import Planned, StudyPlan
 from dealib.study.sweep import CaseStatus, status
 
 
@@ -24,7 +24,7 @@ class Summary:
         path: The file.
     """
 
-    def __init__(self, plans: Sequence[Plan], cache: Cache, path: Path) -> None:
+    def __init__(self, plans: Sequence[StudyPlan], cache: Cache, path: Path) -> None:
         self.plans, self.cache, self.path = plans, cache, path
 
     @cached_property
@@ -41,7 +41,7 @@ class Summary:
                     self.rows[plan.study.name, case.label] = row
         self.write()
 
-    def _row(self, plan: Plan, case: Planned, ended: Ended | None = None) -> dict[str, Any]:
+    def _row(self, plan: StudyPlan, case: Planned, ended: Ended | None = None) -> dict[str, Any]:
         failed = {} if ended is None else {ended.job.key: ended}
         found = status(case, self.cache, failed)
         if ended is None and found.status not in (DONE, FAILED):  # a worker may be solving it

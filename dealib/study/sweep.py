@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from dealib.cases.cache import DONE, Cache
 from dealib.cases.job import Ended, Job
 from dealib.config.schema import Config
-from dealib.study.plan import Plan, Planned
+from dealib.study.plan import Planned, StudyPlan
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class CaseStatus:
     error: str = ""
 
 
-def missing(plans: Sequence[Plan], cache: Cache, retry: bool = False) -> list[Job]:
+def missing(plans: Sequence[StudyPlan], cache: Cache, retry: bool = False) -> list[Job]:
     """The jobs of cases that are not solved, one for each key.
 
     Args:
@@ -61,6 +61,6 @@ def status(case: Planned, cache: Cache, ended: Mapping[str, Ended]) -> CaseStatu
     return CaseStatus(case, *cache.status(case.key))
 
 
-def statuses(plan: Plan, cache: Cache, ended: Mapping[str, Ended]) -> list[CaseStatus]:
+def statuses(plan: StudyPlan, cache: Cache, ended: Mapping[str, Ended]) -> list[CaseStatus]:
     """The present status of each case of a study; arguments are those of `status`."""
     return [status(case, cache, ended) for case in plan.cases]

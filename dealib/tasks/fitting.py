@@ -71,11 +71,11 @@ def _config(
 ) -> tuple[Fitted, Path]:
     from dealib.calibration.cases import Cases
     from dealib.calibration.fit import run_search
-    from dealib.calibration.schema import Plan
+    from dealib.calibration.schema import FitPlan
     from dealib.cases.cache import Cache
     from dealib.cases.workers import Pool, cores
 
-    plan = Plan(path)
+    plan = FitPlan(path)
     directory = out or Path(plan.fit.directory)
     _prepare(directory, plan.source.text, resume=resume, overwrite=over)
     wanted = len(plan.fit.data) * (len(plan.fit.parameters) + 1)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from dealib.data.compare import Comparison
     from dealib.data.measured import Measured
-    from dealib.data.table import Table
+    from dealib.data.table import DataTable
     from dealib.results.sensing import CapacitanceMap
 
 
@@ -52,7 +52,7 @@ def selection(file: str | Path, keys: Mapping[str, Any]) -> Selection:
         raise ConfigError(f"{where}: {said}" if where else said) from None
 
 
-def read_data(file: str | Path, **format: Any) -> Table:
+def read_data(file: str | Path, **format: Any) -> DataTable:
     """Read the table of a laboratory's file: text, spreadsheet or MAT file.
 
     Args:

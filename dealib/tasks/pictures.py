@@ -129,12 +129,12 @@ def _figure(
 ) -> tuple[Any, str]:
     """The figure and the stem of its file's name."""
     if field is not None or profiles or revolved:
-        from dealib.plots.shape import Shape, step_of
+        from dealib.plots.shape import LayerShape, step_of
         from dealib.results import quantities
 
         what = quantities.quantity(field or "E", runs[0].config.device.kinematics)
         step = step_of(runs[0], what) if step is None else step
-        shape = Shape(runs[0], step, mode=what.field if what.is_mode else "")
+        shape = LayerShape(runs[0], step, mode=what.field if what.is_mode else "")
         if profiles:
             from dealib.plots.profiles import draw_profiles
 

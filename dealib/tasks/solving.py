@@ -15,7 +15,7 @@ from dealib.tasks.arguments import Given, as_case, exclude, silent, value
 if TYPE_CHECKING:
     from dealib.results.bias import BiasChart
     from dealib.results.circuit import Circuit
-    from dealib.results.tables import Tables
+    from dealib.results.tables import DeviceTables
 
 
 def modes(
@@ -46,11 +46,11 @@ def modes(
     """
     from mpi4py import MPI
 
-    from dealib.program.modes import Watch, at_rest
+    from dealib.program.modes import ModesWatch, at_rest
     from dealib.program.run import simulate
 
     case = as_case(case)
-    watch = Watch(stages, along, count)
+    watch = ModesWatch(stages, along, count)
     still = at_rest(case, stages, along)
     directory = Path(directory or f"{case.config.directory}-modes")
     refuse_full_disk(still.config, directory)
@@ -108,7 +108,7 @@ def respond(
     from mpi4py import MPI
 
     from dealib.program.modes import at_rest
-    from dealib.program.response import Driver, Spectrum, frequencies, terminal_of
+    from dealib.program.response import Driver, SpectrumWatch, frequencies, terminal_of
     from dealib.program.run import simulate
 
     case = as_case(case)
@@ -127,7 +127,7 @@ def respond(
     directory = Path(directory or f"{case.config.directory}-response")
     path, more = directory / spectra.RESPONSE, points if refine else 0
     hertz = frequencies(first, last, points)
-    spectrum = Spectrum(at, terminal.name, hertz, driver, distance, path, more)
+    spectrum = SpectrumWatch(at, terminal.name, hertz, driver, distance, path, more)
     refuse_full_disk(still.config, directory)
     with case.blamed():
         run = simulate(still, directory, look=spectrum, **options)
@@ -192,7 +192,7 @@ def export_tables(
     resume: bool = False,
     tell: Callable[[str], None] = silent,
     **options: Any,
-) -> Tables:
+) -> DeviceTables:
     """Tables F(u, V), Q(u, V), C(u, V) over the grid of a config, for system simulation.
 
     They are written as CSV, HDF5 and MAT.

@@ -15,14 +15,14 @@ from dealib.files import guarded, write_bytes, write_text
 from dealib.log import LOGGER
 from dealib.study import plan as planning
 from dealib.study import sweep
-from dealib.study.plan import Plan
+from dealib.study.plan import StudyPlan
 from dealib.study.sweep import CaseStatus
 from dealib.tasks.arguments import CASES, silent
 from dealib.units import counted
 
 if TYPE_CHECKING:
     from dealib.study.evaluate import Results
-    from dealib.study.gallery import Entry
+    from dealib.study.gallery import GalleryEntry
 
 Tell = Callable[[str], None]
 _SHOWN = 20  # cases whose quantities are printed
@@ -85,7 +85,7 @@ def results(
     return states, report(plans, states, store, folder, path, tell)
 
 
-def read(path: Path, tell: Tell) -> list[Plan]:
+def read(path: Path, tell: Tell) -> list[StudyPlan]:
     """The studies of a file or of a folder; tells which files of the folder are no studies."""
     found = planning.find(path)
     others = sorted(set(path.glob("*.yaml")) - set(found)) if path.is_dir() else []
@@ -94,7 +94,7 @@ def read(path: Path, tell: Tell) -> list[Plan]:
     return [planning.read(p) for p in found]
 
 
-def made(out: Path | None, path: Path, plans: list[Plan]) -> Path:
+def made(out: Path | None, path: Path, plans: list[StudyPlan]) -> Path:
     """The folder of the results, which is created; default runs/studies/NAME."""
     name = path.resolve().name if path.is_dir() else plans[0].study.name
     folder = out or Path("runs/studies") / name
@@ -104,7 +104,7 @@ def made(out: Path | None, path: Path, plans: list[Plan]) -> Path:
 
 
 def solve(
-    plans: Sequence[Plan],
+    plans: Sequence[StudyPlan],
     store: Cache,
     count: int | None,
     retry: bool,
@@ -159,7 +159,7 @@ def solve(
 
 
 def report(
-    plans: list[Plan],
+    plans: list[StudyPlan],
     states: list[list[CaseStatus]],
     store: Cache,
     folder: Path,
@@ -170,13 +170,13 @@ def report(
     import pandas as pd
 
     from dealib.study.evaluate import Results
-    from dealib.study.gallery import Entry, page
+    from dealib.study.gallery import GalleryEntry, page
 
-    entries: list[Entry] = []
+    entries: list[GalleryEntry] = []
     for plan, of_a_study in zip(plans, states, strict=True):
         try:
             results = Results(plan, store, of_a_study)
-            entries.append(Entry(results, _draw(results, folder), results.windows))
+            entries.append(GalleryEntry(results, _draw(results, folder), results.windows))
         except Exception as error:
             error.add_note(f"while {plan.path} was collected and drawn; its cases are kept")
             raise
@@ -210,7 +210,7 @@ def draw_panels(results: Results) -> tuple[str, bytes] | None:
     return draw(results)
 
 
-def _verdict(entry: Entry, folder: Path, tell: Tell) -> None:
+def _verdict(entry: GalleryEntry, folder: Path, tell: Tell) -> None:
     """Tell the quantities of a small study, its files, and which windows hold."""
     name, verdicts, table = entry.results.study.name, entry.windows, entry.results.table
     names = ["case", *entry.results.values, *(["ended_by"] if table["ended_by"].any() else [])]

@@ -18,7 +18,7 @@ from dealib.errors import ConfigError, did_you_mean
 from dealib.reading import read_text
 from dealib.results import spectra
 from dealib.study import scope
-from dealib.study.plan import Plan, Planned
+from dealib.study.plan import Planned, StudyPlan
 from dealib.study.schema import Curves, Reference, Study, Window
 from dealib.validation.schema import Benchmark, CurveCheck, ReferenceCurve
 from dealib.validation.solving import DEVICE, solve
@@ -34,7 +34,7 @@ class NoBenchmark(ConfigError):
 
 
 @dataclass(frozen=True)
-class Definition(Plan):
+class Definition(StudyPlan):
     """A benchmark as a study of its cases.
 
     Attributes:

@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from dealib.report import rendered
 from dealib.validation.rows import OUTSIDE, SKIPPED, WITHIN, Row
-from dealib.validation.suite import Found
+from dealib.validation.suite import BenchmarkResult
 
 KINDS = {
     "analytical": "closed forms and differential equations",
@@ -40,7 +40,7 @@ def good(rows: Sequence[Row]) -> bool:
 
 
 def page(
-    found: Sequence[Found],
+    found: Sequence[BenchmarkResult],
     shown: Sequence[Row],
     pictures: Mapping[str, str],
     versions: str,

@@ -23,11 +23,11 @@ def solve(job: Job, report: Report | None) -> None:
     if given.modes is None:
         jobs.solve(case, job, report)
         return
-    from dealib.program.modes import Watch, at_rest
+    from dealib.program.modes import ModesWatch, at_rest
     from dealib.results import spectra
 
     stages = [given.modes.stage] if given.modes.stage else []
-    watch = Watch(stages, None, given.modes.count)
+    watch = ModesWatch(stages, None, given.modes.count)
     jobs.solve(at_rest(case, stages), job, report, look=watch)
     watch.check()
     spectra.write(job.directory / spectra.MODES, watch.rows)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Found:
+class BenchmarkResult:
     """A benchmark and its results.
 
     Attributes:
@@ -53,7 +53,7 @@ def definitions(names: Sequence[str | Path] = (), kind: str | None = None) -> li
 
 def evaluated(
     given: Sequence[Definition], cache: Cache, ended: Mapping[str, Ended], whole: bool = False
-) -> list[Found]:
+) -> list[BenchmarkResult]:
     """Compare solved benchmarks with their references.
 
     Args:
@@ -67,7 +67,7 @@ def evaluated(
         stands = sweep.statuses(one, cache, ended)
         left_out = not one.comparable or (whole and any(s.status != DONE for s in stands))
         results = None if left_out else Results(one, cache, stands)
-        found.append(Found(one, results, rows(one, results)))
+        found.append(BenchmarkResult(one, results, rows(one, results)))
     return found
 
 
@@ -76,7 +76,7 @@ def solvable(given: Sequence[Definition]) -> list[Definition]:
     return [one for one in given if one.comparable]
 
 
-def check(found: Sequence[Found]) -> None:
+def check(found: Sequence[BenchmarkResult]) -> None:
     """Raise the errors of cases and expressions.
 
     Raises:

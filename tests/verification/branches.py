@@ -19,7 +19,7 @@ from scipy.optimize import root_scalar
 from dealib.config.bias import Bistable, Spring
 from dealib.config.case import Case, resolved
 from dealib.program import Simulation
-from dealib.program.follow import Branch, Found
+from dealib.program.follow import BranchFollower, BranchState
 from dealib.program.pair import Pair, PortVariable
 from dealib.program.predictor import Predictor
 from verification import free_block as block
@@ -31,7 +31,7 @@ from verification.table import Row
 
 def follow_block(
     rubber: block.Rubber, kappa: float, stretch: float, steps: int
-) -> Iterator[tuple[float, float, float, Found]]:
+) -> Iterator[tuple[float, float, float, BranchState]]:
     """Voltage (kV), charge (uC) and stretch of a free block, up to the charge of a stretch."""
     bench = block.block(rubber, kappa)
     phi = np.sqrt((stretch**-2 - stretch**-8) * rubber.stiffening(stretch))
@@ -39,7 +39,7 @@ def follow_block(
     vary, along = (PortVariable.of(bench.problem.device, n) for n in ("voltage", "charge"))
     pair = Pair(vary, along, (vary.size(bench.problem), end))
     settings = bench.problem.config.solver
-    for found in Branch(bench.newton, settings, Predictor(), pair, end, steps).run():
+    for found in BranchFollower(bench.newton, settings, Predictor(), pair, end, steps).run():
         yield bench.voltage, bench.charge, block.stretch(bench), found
 
 
