@@ -176,7 +176,7 @@ def _fitted(plan: CouponPlan, fits: list[Tried], number: int) -> Fitted:
         {"Laws": _table(fits, plan.coupon.method.criterion)},
         {"material.yaml": result.as_config(plan, values)},
         functools.partial(_draw, plan, best.candidate, found),
-        result.entry(plan, best.candidate, found, values),
+        result.entry(plan, best.candidate, values),
     )
 
 

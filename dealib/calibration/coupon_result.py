@@ -74,7 +74,7 @@ def as_config(plan: CouponPlan, values: Values) -> str:
     return "\n".join([*head, yaml_text({"materials": {"film": values}})])
 
 
-def entry(plan: CouponPlan, candidate: Candidate, found: FitResult, values: Values) -> Values:
+def entry(plan: CouponPlan, candidate: Candidate, values: Values) -> Values:
     """An entry of a library of materials."""
     ranges = [
         f"{s.path.mode} {s.path.stretch.min():.3g} to {s.path.stretch.max():.3g}"

@@ -38,7 +38,7 @@ def _draw(run: Run, path: Path) -> list[str]:
     files = [run.directory / spectra.CIRCUIT, default([run], "bode"), default([run], "nyquist")]
     with style.theme() as look:
         style.save(response.draw_bode(table, run.title, look), files[1])
-        style.save(response.draw_nyquist(table, found, run.title, look), files[2])
+        style.save(response.draw_nyquist(table, found, run.title), files[2])
     return [*told_peaks(table), *told_circuit(found), *map(str, files)]
 
 

@@ -121,7 +121,7 @@ def draw_frequencies(run: Run, stage: str, look: Theme) -> Any:
         look: Colours.
     """
     table = spectra.read(run.directory / spectra.FREQUENCIES)
-    x = driven(run, stage, table)
+    x = driven(run, stage)
     figure, axes = plt.subplots(1, 2, figsize=(11, 4.6), layout="constrained")
     curves = [name for name in map(str, table) if name.startswith("frequency_Hz")]
     for axis, count, title in zip(axes, (1, len(curves)), ("the lowest", "all"), strict=True):
@@ -141,7 +141,7 @@ def draw_frequencies(run: Run, stage: str, look: Theme) -> Any:
     return figure
 
 
-def driven(run: Run, stage: str, table: Any) -> str:
+def driven(run: Run, stage: str) -> str:
     """Column of the first variable that drives a stage, such as its voltage; else the time."""
     device = run.config.device
     for given in run.config.program:

@@ -47,7 +47,7 @@ def draw_bode(table: Any, title: str, look: Theme) -> Any:
     return figure
 
 
-def draw_nyquist(table: Any, circuit: Circuit, title: str, look: Theme) -> Any:
+def draw_nyquist(table: Any, circuit: Circuit, title: str) -> Any:
     """Draw capacitance and motion as curves in the complex plane, circles at a resonance.
 
     The capacitance is Y/(i omega) = C' - i C''; that of the equivalent circuit is drawn over it.
@@ -56,7 +56,6 @@ def draw_nyquist(table: Any, circuit: Circuit, title: str, look: Theme) -> Any:
         table: Table of `response.csv`.
         circuit: The fitted circuit.
         title: Title of the picture.
-        look: Colours.
     """
     f, columns = table["frequency_Hz"].to_numpy(), list(map(str, table))
     capacitances = (

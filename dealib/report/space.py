@@ -55,7 +55,7 @@ def view(run: Run, whats: Sequence[FieldQuantity]) -> dict[str, Any]:
     if not run.stored_steps or not (device.kinematics.dim == 3 or device.kinematics.revolved):
         return {}
     first = _shape(run, typical_step(run))
-    parts = _parts(first, whats)
+    parts = _parts(first)
     every = [patch for _, found in parts for patch in found]
     points = sum(len(patch.nodes) for patch in every)
     bytes_a_step = 2 * 4 / 3 * points * (first.points.shape[1] + len(whats))
@@ -106,7 +106,7 @@ def _shape(run: Run, step: int) -> LayerShape:
     return LayerShape(run, step, n=2)
 
 
-def _parts(shape: LayerShape, whats: Sequence[FieldQuantity]) -> list[tuple[str, list[Patch]]]:
+def _parts(shape: LayerShape) -> list[tuple[str, list[Patch]]]:
     """The surfaces of films and of conductors, each with its colour where it has no values.
 
     Half of the conductors' surface is left out, so that the films below are seen.
