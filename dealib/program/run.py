@@ -177,7 +177,7 @@ def simulate(
     if resume and finished(path, case, comm):
         return Run(path)
     with Signals(comm) as signals, to_file(path, comm.rank == 0) as info["warnings"]:
-        saved, lock = prepare(path, case, info, overwrite, resume, comm)
+        saved, lock = prepare(path, case, info, overwrite, resume, comm, look is None)
         with lock, _Session(path, info, begin, comm) as session:
             log.info("%s", shlex.join(info["argv"]))
             log.info("%s", ", ".join(f"{k} {v}" for k, v in info["versions"].items()))
