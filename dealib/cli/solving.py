@@ -155,7 +155,9 @@ def check(config: ConfigFile, set: Set = None) -> None:
 
 @app.command()
 def init(
-    template: Annotated[str, typer.Option(help="deap, benchmark or membrane")] = "deap",
+    template: Annotated[
+        str, typer.Option(help="deap, benchmark, membrane, disc or rectangle")
+    ] = "deap",
     out: Annotated[Path | None, typer.Option(help="config file; default TEMPLATE.yaml")] = None,
 ) -> None:
     """Write a commented config to start from."""
