@@ -300,6 +300,17 @@ def test_the_time_is_estimated_to_a_factor_of_two(name, changes, seconds):
     assert 0.5 < size(case(name, **changes).config).seconds / seconds < 2
 
 
+def test_rows_that_are_interpolated_take_neither_time_nor_disk():
+    """Of 100 to 400 rows a stage of `benchmark_strip` solves 14 to 41, of `deap100` 53."""
+    given = {"program__1__steps": "auto", "program__1__rows": 400}
+    each, few, many = (
+        size(case("benchmark_strip", **{"program__1__steps": n} | more).config)
+        for n, more in ((50, {}), (400, {}), ("auto", given))
+    )
+    assert (many.steps, many.seconds) == (few.steps, each.seconds)
+    assert each.disk < many.disk < each.disk + 400 * 500 < few.disk
+
+
 DISC, SOLID = "devices/expanding_circle", {"geometry__space": "3d", "probes": None}
 SHEET = {"physics__model": "membrane"}
 # the same in other spaces: name, changes, unknowns, peak memory (MB)

@@ -30,6 +30,7 @@ _PLANE, _SHEET, _SOLID = 2e-5, 6.5e-5, 5e-5
 _LOADED = 20  # steps that each driven stage of a solid costs on top: its first ones converge slowly
 _RELAXED = 2e-4  # seconds per unknown and step on top, in which a tension field finds its wrinkles
 _DISK = 205.0  # bytes per node and stored step
+_CHOSEN = 50  # states of a cycle with `steps: auto` that are solved at most, whatever its rows
 _STEPS = 1_000_000  # largest number of steps: the history would have 500 MB
 _MOST = 10**15  # numbers of a config are capped here, so that products stay finite
 
@@ -68,13 +69,13 @@ def size(config: Config, unknowns: float | None = None) -> Size:
     """
     if unknowns is None:
         unknowns = _unknowns(config)
-    steps = _steps(config)
-    stored = {"every": steps + 1, "stage": len(config.program), "none": 0}[config.output.fields]
+    steps, solved = _steps(config), _steps(config, _CHOSEN)
+    stored = {"every": solved + 1, "stage": len(config.program), "none": 0}[config.output.fields]
     return Size(
         unknowns,
         steps,
         choose(config, unknowns).memory,
-        _START + unknowns * _seconds(config, steps + 1),
+        _START + unknowns * _seconds(config, solved + 1),
         _DISK * unknowns / _PER_NODE * (stored + 1) + 500 * steps,
     )
 
@@ -149,10 +150,16 @@ def _around(config: Config) -> float:
     return cells
 
 
-def _steps(config: Config) -> float:
-    """Number of steps that the program plans."""
+def _steps(config: Config, chosen: int = _MOST) -> float:
+    """Number of steps that the program plans.
+
+    Args:
+        config: The config.
+        chosen: Largest number in a cycle with `steps: auto`.
+    """
     stages = [s for s in config.program if s.stage != "prestrain"]
-    ramps = (_capped(s.count) * _capped(s.cycles) for s in stages if s.follow is None)
+    counts = ((min(s.count, chosen if s.auto else _MOST), s) for s in stages if s.follow is None)
+    ramps = (count * _capped(s.cycles) for count, s in counts)
     paths = (s.follow.states or 10 * s.count for s in stages if s.follow is not None)
     return float(sum(map(_capped, (*ramps, *paths))))
 
