@@ -59,7 +59,8 @@ EDITS = [
     ("parameter of another law", "youngs_modulus: 3 MPa", "c10: 1 MPa",
      ["16:3: materials.electrode.shear_modulus: this key is missing: shear modulus G; such as "
       "'1 MPa'",
-      "16:3: materials.electrode.bulk_modulus: this key is missing: bulk modulus kappa; such as "
+      "16:3: materials.electrode.bulk_modulus: this key is missing: bulk modulus kappa; needed "
+      "unless youngs_modulus is given; such as "
       "'1 MPa'",
       "18:5: materials.electrode.c10: unknown key; known: library, relative_permittivity, "
       "density, prestretch, mounted, branches, mullins, permanent_set, youngs_modulus, law, "
@@ -503,6 +504,21 @@ def test_bad_override(dealib, tmp_path, assignment, expected):
     )
     assert (code, out) == (2, "")
     assert err == f"dealib: {said}\n".replace("KEYS", known + keys)
+
+
+def test_overrides_are_named_where_the_place_is_in_the_file(dealib, tmp_path):
+    path = tmp_path / "case.yaml"
+    path.write_text(BASE)
+    _, _, err = dealib("check", path, "--set", "geometry.inner_radius=15 mm")
+    said = "geometry.outer_radius: 12 mm must exceed inner_radius (15 mm)"
+    said += " (with --set geometry.inner_radius=15 mm)\n"
+    assert err.startswith(f"dealib: {path}:4:17: {said}")
+    steps = ["--set", "mesh.columns=20", "--set", "program.1.steps=10000000"]
+    code, _, err = dealib("check", path, *steps)
+    named = "(with --set mesh.columns=20, --set program.1.steps=10000000)"
+    assert code == 2
+    assert err.splitlines()[0].endswith(named)
+    assert err.startswith(f"dealib: {path}:19:1: program: at most 1,000,000 steps")
 
 
 @pytest.mark.parametrize(("arguments", "expected"), USAGE, ids=[" ".join(u[0]) for u in USAGE])

@@ -377,6 +377,9 @@ EDITS: list[tuple[str, str, str, str | list[str], str]] = [
      "13:3: terminals: no terminal is ground; give one of them `ground: true`", "hot"),
     ("no terminals", f"terminals:\n{TERMINALS}", "terminals: {}\n",
      "12:12: terminals: no terminal is ground; give one of them `ground: true`", "{}"),
+    ("all ground", "{on: upper}", "{on: upper, ground: true}",
+     "16:27: program.0.terminal: all terminals are ground, at 0 V; to drive one, take `ground: "
+     "true` away from it, or add a terminal on the other side of the film", "{volt"),
     # mounts, holds, chambers
     ("mount along no axis", "program:", "mounts: {bar: {on: right, along: Y}}\nprogram:",
      "15:34: mounts.bar.along: there is no axis 'Y' here; known: X, Z", "Y"),

@@ -274,6 +274,43 @@ def test_the_estimate_is_near_what_was_measured(name, changes, unknowns, memory,
     assert found.disk / 1e6 == pytest.approx(disk, rel=0.25)
 
 
+FIELD = {"physics__model": "membrane", "physics__wrinkling": "tension_field"}
+# Seconds of one processor that runs took: solids in space, sheets, tension fields, planes
+TAKEN = [
+    ("published/beam", {}, 6.1),
+    ("published/blister", {}, 24.0),
+    ("published/cylinder", {}, 69.2),
+    ("published/gripper", {}, 9.8),
+    ("published/helix", {}, 35.1),
+    ("published/helix", {"program__0__steps": 24}, 34.8),
+    ("devices/minimum_energy_structure", {}, 26.1),
+    ("devices/wrinkling_film", {}, 7.2),
+    ("devices/positioning_stage", {}, 3.8),
+    ("devices/positioning_stage", FIELD, 9.5),
+    ("devices/wrinkling_film", FIELD, 5.4),
+    ("devices/segmented_annulus", FIELD, 4.0),
+    ("devices/segmented_annulus", {}, 1.8),
+    ("devices/stack", {}, 1.9),
+    ("membrane", {}, 3.1),
+]
+
+
+@pytest.mark.parametrize(("name", "changes", "seconds"), TAKEN)
+def test_the_time_is_estimated_to_a_factor_of_two(name, changes, seconds):
+    assert 0.5 < size(case(name, **changes).config).seconds / seconds < 2
+
+
+def test_rows_that_are_interpolated_take_neither_time_nor_disk():
+    """Of 100 to 400 rows a stage of `benchmark_strip` solves 14 to 41, of `deap100` 53."""
+    given = {"program__1__steps": "auto", "program__1__rows": 400}
+    each, few, many = (
+        size(case("benchmark_strip", **{"program__1__steps": n} | more).config)
+        for n, more in ((50, {}), (400, {}), ("auto", given))
+    )
+    assert (many.steps, many.seconds) == (few.steps, each.seconds)
+    assert each.disk < many.disk < each.disk + 400 * 500 < few.disk
+
+
 DISC, SOLID = "devices/expanding_circle", {"geometry__space": "3d", "probes": None}
 SHEET = {"physics__model": "membrane"}
 # the same in other spaces: name, changes, unknowns, peak memory (MB)

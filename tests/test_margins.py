@@ -7,6 +7,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from conftest import CONFIGS, case, film_of, history, thinned
+from laminates import config
+from laminates import rows as laminate_rows
 from scipy.optimize import minimize_scalar
 from typer.testing import CliRunner
 from watch import At
@@ -168,7 +170,39 @@ def test_wrinkling_counts_from_the_smaller_tension_of_the_pre_stretch():
     lz = 1 / (1.2 * 1.1)  # neo-Hooke: s_i = G (l_i^2 - l_z^2)
     assert film(materials__film=stiff).tension == pytest.approx(1.1**2 - lz**2, rel=1e-5)
     bare = rows(small(materials__film__prestretch=1, program="[{stage: rest}]"))[0]
-    assert bare["wrinkling_use"] == pytest.approx(1, abs=1e-9)  # no tension to lose
+    assert bare["wrinkling_use"] == pytest.approx(0, abs=1e-9)  # no tension to lose
+
+
+@pytest.mark.parametrize("prestretch", [1, 1 + 1e-5])
+def test_a_film_without_tension_wrinkles_where_it_is_compressed(prestretch):
+    """By a thousandth of its shear modulus; rounding is no compression."""
+    G = 1.0
+    found = film(
+        materials__film=NEO["materials__film"].replace("}", f", prestretch: {prestretch}}}")
+    )
+    assert found.tension == pytest.approx(6 * G * (prestretch - 1), rel=0.1, abs=1e-12)
+
+    def use(tension):
+        return float(found.wrinkling(np.array([found.tension + 0.2, found.tension + tension, 0])))
+
+    assert use(0) == pytest.approx(0, abs=1e-12)
+    assert use(-1e-9 * G) == pytest.approx(0, abs=1e-5)
+    assert use(-1e-3 * G) == pytest.approx(1)
+    assert use(-0.01 * G) == pytest.approx(10)
+    assert use(0.1 * G) == pytest.approx(-0.1)
+
+
+def test_a_free_disc_does_not_wrinkle():
+    """It grows without stress under voltage, to rounding."""
+    given = config(
+        "disc",
+        mounts={},
+        holds=[{"on": ["film.bottom"], "fix": ["Z"]}],
+        program=[{"stage": "actuate", "terminal": {"voltage": "25 kV"}, "steps": 2}],
+    )
+    row = laminate_rows(given)[-1]
+    assert row["stretch_max"] > 1.02
+    assert row["wrinkling_use"] == pytest.approx(0, abs=1e-3)
 
 
 def test_tension_of_maxwell_branches():

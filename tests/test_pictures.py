@@ -183,6 +183,33 @@ def test_a_strip_has_fields_of_its_plane_and_the_film_under_voltage_is_drawn(tmp
     assert "Voltage (kV)" in labels  # without mount or chamber
 
 
+@pytest.mark.parametrize("count", [2, 8])
+def test_the_overview_shows_all_terminals(tmp_path, count):
+    """Voltage, charge and capacitance of each, with its name; beyond six a note."""
+    names = [f"t{k}" for k in range(count)]
+    driven = names[-1] if count == 2 else names[1]
+    terminals = {
+        name: {"on": "film.top", "within": [f"{k + 0.1} mm", f"{k + 0.9} mm"]}
+        for k, name in enumerate(names)
+    }
+    terminals["ground"] = {"on": "film.bottom", "ground": True}
+    program = [{"stage": "on", "terminals": {driven: {"voltage": "1 kV"}}, "steps": 2}]
+    given = config("strip", terminals=terminals, program=program, mesh={"columns": 20})
+    run = simulated(given, tmp_path)
+    with style.theme():
+        figure = overview([run])
+        _, _, capacitance, field, voltage, charge = figure.axes[:6]
+        (legend,) = figure.legends[-1:]
+        told = [text.get_text() for text in legend.get_texts()]
+    assert told == [f"terminal {n}" for n in names[:6]] + ["and 2 more"] * (count == 8)
+    assert field.get_xlabel() == f"Voltage of {driven} (kV)"  # the one that is driven
+    for axis, column in ((voltage, "voltage_kV.{0}"), (charge, "charge_uC.{0}"),
+                         (capacitance, "capacitance_pF.{0}.{0}")):  # fmt: skip
+        drawn = [line.get_ydata().tolist() for line in axis.lines if len(line.get_xdata()) == 3]
+        for name in names[:6]:
+            assert run.history[column.format(name)].tolist() in drawn
+
+
 def test_the_time_of_a_device_in_motion_is_that_of_its_motion(tmp_path):
     """A second of loading would hide a tenth of a second of swinging."""
     given = case("dynamics/step_response", mesh__columns=8, mesh__film_rows=1, program__3__steps=20)
@@ -270,7 +297,7 @@ def test_several_terminals_have_their_names(tmp_path):
     run = simulated(changed(config("annulus"), terminals=terminals, program=program), tmp_path)
     with style.theme():
         labels = {a.get_ylabel() for a in overview([run]).axes}
-    assert {"Voltage of drive (kV)", "Capacitance of drive (pF)"} <= labels
+    assert {"Voltage (kV)", "Charge (µC)", "Capacitance (pF)"} <= labels
     assert facts.program(run.config)[0]["inputs"] == "terminal drive: voltage 1 kV"
     told = [name for _, name in facts.headline(run)]
     assert [t for t in told if t.startswith("capacitance")] == [

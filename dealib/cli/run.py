@@ -13,6 +13,7 @@ import typer
 
 from dealib.cli.clock import STARTED
 from dealib.config.case import Case
+from dealib.config.doubts import warn
 from dealib.config.size import refuse_full_disk, size
 from dealib.errors import Interrupted, NotConverged
 from dealib.log import verbose
@@ -45,6 +46,7 @@ def run_case(
     if dry_run:
         simulation = Simulation(case, comm)
         if comm.rank == 0:
+            warn(case.config)
             typer.echo(
                 f"{case.config.name}: {simulation.unknowns} unknowns, "
                 f"{counted(simulation.steps_planned, 'step')}; nothing solved, nothing written\n"

@@ -128,6 +128,7 @@ def respond(
 def check(config: ConfigFile, set: Set = None) -> None:
     """Validate a config, with an estimate of its size, or a design; nothing is solved."""
     from dealib.config import load
+    from dealib.config.doubts import warn
     from dealib.config.size import refuse_full_disk, size
     from dealib.config.source import Source
 
@@ -146,6 +147,7 @@ def check(config: ConfigFile, set: Set = None) -> None:
 
         sound_mesh(Path(case.config.mesh_file), case.config.device.kinematics.dim)
     refuse_full_disk(case.config, Path(case.config.directory))
+    warn(case.config)
     stages = ", ".join(s.stage for s in case.config.program)
     typer.echo(f"{config}: valid; {case.config.name}: {stages}")
     typer.echo(str(size(case.config)))
@@ -155,7 +157,9 @@ def check(config: ConfigFile, set: Set = None) -> None:
 
 @app.command()
 def init(
-    template: Annotated[str, typer.Option(help="deap, benchmark or membrane")] = "deap",
+    template: Annotated[
+        str, typer.Option(help="deap, benchmark, membrane, disc or rectangle")
+    ] = "deap",
     out: Annotated[Path | None, typer.Option(help="config file; default TEMPLATE.yaml")] = None,
 ) -> None:
     """Write a commented config to start from."""

@@ -288,7 +288,7 @@ def check_inputs(program: Sequence[Stage], device: Device) -> None:
         for path, kind, name, given in stage.inputs:
             known, where = _connected(device, kind), ("program", i, *path)
             if not known:
-                raise ValueAt(where, f"the device has no {kind.name}")
+                raise ValueAt(where, device.lacks(kind))
             if name is None and len(known) > 1:
                 several = f"there are several: {', '.join(known)}"
                 raise ValueAt(where, f"{several}; name them under `{kind.name}s`")

@@ -1,7 +1,7 @@
 """Estimates of a run's unknowns, memory, time and disk space.
 
 Unknowns of layers and of mesh files are counted, those of free air and blocks estimated, within a
-fifth. Time and disk space are linear fits to measurements with 4,000 to 600,000 unknowns;
+fifth. Time and disk space are linear fits to measurements with 300 to 600,000 unknowns;
 `dealib.config.linear` gives the memory. Tests check them to a factor of two.
 """
 
@@ -13,7 +13,7 @@ import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from dealib.config.linear import choose, machine_memory, not_iterative
+from dealib.config.linear import choose, is_solid, machine_memory, not_iterative
 from dealib.config.schema import Config
 from dealib.device.count import of_file, of_layers
 from dealib.errors import ConfigError, ValueAt, by_caller
@@ -24,8 +24,13 @@ _UNKNOWNS_SOLID = {1: 5.3, 2: 37.0}
 _LARGE = 30_000_000  # bytes of a mesh file, above which its cells are not counted
 _BYTES = {2: 90, 3: 120}  # of such a file per cell, with its nodes
 _PER_NODE = 2.4  # unknowns per node of the stored fields
-_SECONDS = 1.5, 2e-5  # at the start, and per unknown and step
+_START = 1.5  # seconds at the start
+# seconds per unknown and step: of a plane or a sheet of revolution, a sheet and a solid in space
+_PLANE, _SHEET, _SOLID = 2e-5, 6.5e-5, 5e-5
+_LOADED = 20  # steps that each driven stage of a solid costs on top: its first ones converge slowly
+_RELAXED = 2e-4  # seconds per unknown and step on top, in which a tension field finds its wrinkles
 _DISK = 205.0  # bytes per node and stored step
+_CHOSEN = 50  # states of a cycle with `steps: auto` that are solved at most, whatever its rows
 _STEPS = 1_000_000  # largest number of steps: the history would have 500 MB
 _MOST = 10**15  # numbers of a config are capped here, so that products stay finite
 
@@ -64,13 +69,13 @@ def size(config: Config, unknowns: float | None = None) -> Size:
     """
     if unknowns is None:
         unknowns = _unknowns(config)
-    steps = _steps(config)
-    stored = {"every": steps + 1, "stage": len(config.program), "none": 0}[config.output.fields]
+    steps, solved = _steps(config), _steps(config, _CHOSEN)
+    stored = {"every": solved + 1, "stage": len(config.program), "none": 0}[config.output.fields]
     return Size(
         unknowns,
         steps,
         choose(config, unknowns).memory,
-        _SECONDS[0] + _SECONDS[1] * unknowns * (steps + 1),
+        _START + unknowns * _seconds(config, solved + 1),
         _DISK * unknowns / _PER_NODE * (stored + 1) + 500 * steps,
     )
 
@@ -145,12 +150,27 @@ def _around(config: Config) -> float:
     return cells
 
 
-def _steps(config: Config) -> float:
-    """Number of steps that the program plans."""
+def _steps(config: Config, chosen: int = _MOST) -> float:
+    """Number of steps that the program plans.
+
+    Args:
+        config: The config.
+        chosen: Largest number in a cycle with `steps: auto`.
+    """
     stages = [s for s in config.program if s.stage != "prestrain"]
-    ramps = (_capped(s.count) * _capped(s.cycles) for s in stages if s.follow is None)
+    counts = ((min(s.count, chosen if s.auto else _MOST), s) for s in stages if s.follow is None)
+    ramps = (count * _capped(s.cycles) for count, s in counts)
     paths = (s.follow.states or 10 * s.count for s in stages if s.follow is not None)
     return float(sum(map(_capped, (*ramps, *paths))))
+
+
+def _seconds(config: Config, steps: float) -> float:
+    """Seconds per unknown that a number of steps takes."""
+    each = _RELAXED if config.physics.wrinkling == "tension_field" else 0.0
+    if is_solid(config):
+        driven = sum(bool(stage.inputs or stage.follow) for stage in config.program)
+        return (each + _SOLID) * (steps + _LOADED * driven)
+    return (each + (_SHEET if config.device.kinematics.dim == 3 else _PLANE)) * steps
 
 
 def _tables(config: Config) -> float:

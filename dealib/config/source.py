@@ -112,6 +112,8 @@ class Source:
     def message(self, where: Path_, problem: str, at: Literal["key", "value"] = "value") -> str:
         """A message about a key: its place as `file:line:col` with a caret, or its override.
 
+        Where the place is in the file, the overrides are named too: one of them may be the cause.
+
         Args:
             where: Path of keys and list positions; of a path that is not in the file, the deepest
                 part that is there is shown.
@@ -124,6 +126,9 @@ class Source:
             if path[:n] == where[:n] and (len(where) >= len(path) or not self._in_text(where)):
                 key = "" if ".".join(map(str, path)) == dotted else f"{dotted}: "
                 return f"{_set()}{shown(assignment)}: {key}{problem}"
+        if self.overridden:
+            changes = f", {_set()}".join(map(shown, self.overridden.values()))
+            problem += f" (with {_set()}{changes})"
         line, column = self._position(where, at)
         return self._at(line, column, f"{dotted}: {problem}" if dotted else problem)
 

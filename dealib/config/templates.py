@@ -25,6 +25,13 @@ _STRIPS = {
     "electrode_thickness": "10 um",
 }
 
+_FILM = {
+    "law": "neo_hookean",
+    "shear_modulus": "20 kPa",
+    "bulk_modulus": "20 MPa",
+    "relative_permittivity": 4.7,
+}
+
 TEMPLATES: dict[str, Node] = {
     "deap": {
         "name": "deap",
@@ -100,6 +107,51 @@ TEMPLATES: dict[str, Node] = {
             "{stage: actuate, duration: 3 s, terminal: {voltage: 5 kV}, steps: 3}",
         ],
         "output": {"fields": "stage"},
+    },
+    "disc": {
+        "name": "disc",
+        "description": "Film in a rigid ring with a round electrode, whose circle grows",
+        "geometry": {
+            "shape": "laminate",
+            "base": {"kind": "disc", "radius": "50 mm"},
+            "layers": "[{name: film, thickness: 0.5 mm}]",
+        },
+        "mesh": {"columns": 60},
+        "materials": {"film": _FILM | {"prestretch": 2}},
+        "physics": {"model": "membrane"},
+        "terminals": {
+            "top": {"on": "film.top", "within": "[0 mm, 25 mm]"},
+            "bottom": {"on": "film.bottom", "within": "[0 mm, 25 mm]", "ground": "true"},
+        },
+        "probes": {"edge": {"displacement": "R", "at": "[25 mm, 0 mm]"}},
+        "program": [
+            "{stage: prestrain}",
+            "{stage: actuate, duration: 5 s, terminal: {voltage: 8 kV}, steps: 5}",
+        ],
+        "output": {"fields": "every"},
+    },
+    "rectangle": {
+        "name": "rectangle",
+        "description": "Film in a rigid frame with two electrodes side by side; one is driven",
+        "geometry": {
+            "shape": "laminate",
+            "base": {"kind": "rectangle", "length": "40 mm", "width": "30 mm"},
+            "layers": "[{name: film, thickness: 0.1 mm}]",
+        },
+        "mesh": {"columns": 16, "sectors": 6},
+        "materials": {"film": _FILM | {"prestretch": "[2, 2]"}},
+        "physics": {"model": "membrane"},
+        "terminals": {
+            "left": {"on": "film.top", "within": "{X: [-16 mm, -4 mm], Y: [-10 mm, 10 mm]}"},
+            "right": {"on": "film.top", "within": "{X: [4 mm, 16 mm], Y: [-10 mm, 10 mm]}"},
+            "ground": {"on": "film.bottom", "ground": "true"},
+        },
+        "probes": {"centre": {"displacement": "X", "at": "[0 mm, 0 mm, 0 mm]"}},
+        "program": [
+            "{stage: prestrain}",
+            "{stage: actuate, duration: 5 s, terminals: {left: {voltage: 1.6 kV}}, steps: 5}",
+        ],
+        "output": {"fields": "every"},
     },
 }
 

@@ -93,6 +93,16 @@ def of_file(device: Device, path: Path, order: int, mixed: bool) -> float:
     return float(free + len(device.ports))
 
 
+def centres(laminate: Laminate, mesh: Any) -> dict[str, Any]:
+    """Centres of the base's cells by axis, mm, (cells,) each, in no more cells than are counted.
+
+    Args:
+        laminate: The layers.
+        mesh: The config's section.
+    """
+    return _base(laminate, _few(laminate, mesh)[0])[3]
+
+
 def _few(laminate: Laminate, mesh: Any) -> tuple[Any, float]:
     """A section with no more columns and sectors than are counted, and what it leaves out."""
     most = _COLUMNS_SOLID if laminate.solid else _COLUMNS

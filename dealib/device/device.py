@@ -7,7 +7,7 @@ from functools import cached_property
 
 from dealib.device.kinematics import Kinematics
 from dealib.device.laminate import Laminate
-from dealib.device.records import TERMINAL, Port, PortKind, Region, Sizes, Support
+from dealib.device.records import PHI, TERMINAL, Port, PortKind, Region, Sizes, Support
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,16 @@ class Device:
     def of(self, kind: PortKind) -> tuple[Port, ...]:
         """Its ports of one kind."""
         return tuple(port for port in self.ports if port.kind == kind)
+
+    def lacks(self, kind: PortKind) -> str:
+        """What to say if nothing of a kind can be driven."""
+        grounded = any(s.quantity == PHI and not s.port for s in self.supports)
+        if kind == TERMINAL and grounded:
+            return (
+                "all terminals are ground, at 0 V; to drive one, take `ground: true` away from it, "
+                "or add a terminal on the other side of the film"
+            )
+        return f"the device has no {kind.name}"
 
     @cached_property
     def by_name(self) -> dict[str, Port]:

@@ -206,6 +206,12 @@ class Laminate:
         """Whether a part (None: the whole base) covers the interval from a to b along the base."""
         return within is None or bool(within.covers({self.base.along: (a + b) / 2}))
 
+    def covered(self, layer: Layer, at: Mapping[str, Array]) -> Any:
+        """Mask of the given points, by axis, that a layer covers."""
+        if layer.within is None:
+            return np.ones(len(next(iter(at.values()))), dtype=bool)
+        return layer.within.covers(at)
+
     def lines(self, along: list[float]) -> dict[str, list[Line]]:
         """Grid lines on ends and faces by name; see `interfaces` for the names of faces.
 
@@ -240,9 +246,7 @@ class Laminate:
             at: Coordinates of the points by axis.
         """
         none = np.zeros(len(next(iter(at.values()))), dtype=bool)
-        covered = [
-            ~none if layer.within is None else layer.within.covers(at) for layer in self.layers
-        ]
+        covered = [self.covered(layer, at) for layer in self.layers]
         for level in range(len(self.layers) + 1):
             low = covered[level - 1] if level else none
             high = covered[level] if level < len(self.layers) else none

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 else:
     Stresses, Exponents = list_of(Stress), list_of(float)
 
+_BULK = "bulk modulus kappa; needed unless youngs_modulus is given"
+
 __all__ = ["LAWS", "Invariants", "Law", "invariants_of_stretches"]
 
 
@@ -33,7 +35,7 @@ class NeoHookean(Law):
 
     law: Literal["neo_hookean"]
     shear_modulus: Stress = Field(gt=0, description="shear modulus G")
-    bulk_modulus: Stress = Field(gt=0, description="bulk modulus kappa")
+    bulk_modulus: Stress = Field(gt=0, description=_BULK)
 
     @staticmethod
     def from_youngs_modulus(modulus: float, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -52,7 +54,7 @@ class MooneyRivlin(Law):
     law: Literal["mooney_rivlin"]
     c10: Stress = Field(description="first coefficient C10")
     c01: Stress = Field(description="second coefficient C01; may be negative")
-    bulk_modulus: Stress = Field(gt=0, description="bulk modulus kappa")
+    bulk_modulus: Stress = Field(gt=0, description=_BULK)
 
     @staticmethod
     def from_youngs_modulus(modulus: float, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -83,7 +85,7 @@ class Yeoh(Law):
     c10: Stress = Field(gt=0, description="first coefficient C10, half the shear modulus at rest")
     c20: Stress = Field(0.0, description="second coefficient C20; may be negative")
     c30: Stress = Field(0.0, description="third coefficient C30")
-    bulk_modulus: Stress = Field(gt=0, description="bulk modulus kappa")
+    bulk_modulus: Stress = Field(gt=0, description=_BULK)
 
     besides: ClassVar[tuple[str, ...]] = ("c20", "c30")
 
@@ -108,7 +110,7 @@ class Gent(Law):
     law: Literal["gent"]
     shear_modulus: Stress = Field(gt=0, description="shear modulus G at rest")
     j_lim: float = Field(gt=0, examples=[90.0], description="J_lim, limit of I1 - 3")
-    bulk_modulus: Stress = Field(gt=0, description="bulk modulus kappa")
+    bulk_modulus: Stress = Field(gt=0, description=_BULK)
 
     besides: ClassVar[tuple[str, ...]] = ("j_lim",)
     locks: ClassVar[bool] = True
@@ -144,7 +146,7 @@ class ArrudaBoyce(Law):
     locking_stretch: float = Field(
         gt=1, examples=[6.0], description="L, limit of the chains' stretch sqrt(I1/3)"
     )
-    bulk_modulus: Stress = Field(gt=0, description="bulk modulus kappa")
+    bulk_modulus: Stress = Field(gt=0, description=_BULK)
 
     besides: ClassVar[tuple[str, ...]] = ("locking_stretch",)
     locks: ClassVar[bool] = True
@@ -193,7 +195,7 @@ class Ogden(Law):
     alpha: Exponents = Field(
         examples=[[1.3, 5.0, -2.0]], description="exponents alpha_i, one for each term"
     )
-    bulk_modulus: Stress = Field(gt=0, description="bulk modulus kappa")
+    bulk_modulus: Stress = Field(gt=0, description=_BULK)
 
     besides: ClassVar[tuple[str, ...]] = ("alpha",)
 

@@ -31,7 +31,8 @@ MEANINGS = {
     "the film's thickness; negative is compression",
     "breakdown_use": "largest true field over the breakdown strength; 1 is the limit",
     "failure_probability": "probability of breakdown, 1 - exp(-integral of (E/E0)^m dV/V0)",
-    "wrinkling_use": "lost share of the tension of the mounted film; 1 is the limit",
+    "wrinkling_use": "lost share of the tension of the mounted film; if that is below a thousandth "
+    "of the shear modulus G, compression over G/1000; 1 is the limit",
     "pull_in_use": "true field over the field at which the film is unstable under dead loads; 1 is "
     "the limit, inf where it is unstable without a field",
     "stability_use": "lost share of the law's stiffness at rest; 1 is the limit",

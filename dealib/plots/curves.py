@@ -7,7 +7,9 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.lines import Line2D
 
+from dealib.device.records import TERMINAL, Port
 from dealib.errors import ConfigError, did_you_mean
 from dealib.plots import limits
 from dealib.plots.branches import draw_history, key
@@ -18,17 +20,24 @@ from dealib.results.reader import Run
 from dealib.results.summary import MARGINS, drive, motion, under_voltage
 
 _NOISE = 1e-12  # in the unit of any column
+_TERMINALS = 6  # of a device, of which the overview shows curves
 
 
 def overview(runs: Sequence[Run]) -> Any:
     """A 2 x 2 figure of motion, motion and drive over time, capacitance, and field.
 
     The motion is that of the first run's first mount, chamber or probes (see `summary.motion`).
+    A single run shows up to six terminals, and their charges too.
     """
-    figure, axes = plt.subplots(2, 2, figsize=(10.5, 7.2), layout="constrained")
+    ports = _terminals(runs)
+    figure, axes = plt.subplots(
+        2, 2, figsize=(10.5, 9.2 if ports else 7.2), layout="constrained",
+        height_ratios=(1.5 if ports else 1, 1),
+    )  # fmt: skip
     (force, time), (capacitance, last) = axes
-    below, clock = _panel_beside(time), clock_of(runs)
-    driven, moves = drive(runs[0]), motion(runs[0])
+    below, *charges = _panels_below(time, 2 if ports else 1)
+    clock, moves = clock_of(runs), motion(runs[0])
+    driven = _strongest(runs[0], ports) if ports else drive(runs[0])
     u = moves[0] if moves else driven
     beside = moves[1] if len(moves) > 1 else driven if moves else "elastic_energy_mJ"
     capacitances = [c for c in map(str, runs[0].history) if c.startswith("capacitance_pF")]
@@ -46,7 +55,8 @@ def overview(runs: Sequence[Run]) -> Any:
         h, name = run.history, "; ".join([names(runs)[k], *limits.told(run)])
         dash = {"color": f"C{k}", "ls": DASHES[k % len(DASHES)]}
         for axis, x, y in panels:
-            draw_history(axis, h, x, y, label=name, marker=".", ms=4, **dash)
+            if not ports or axis is not capacitance:
+                draw_history(axis, h, x, y, label=name, marker=".", ms=4, **dash)
             limits.mark(axis, run, x, y)
         timed = _in_time(run)
         draw_history(time, timed, clock, u, **dash)
@@ -59,15 +69,32 @@ def overview(runs: Sequence[Run]) -> Any:
                 second.set_ylabel(label(beside))
                 steady(second)
             dash["color"] = "C2"
-        draw_history(below, timed, clock, driven, **dash)
+        if not ports:
+            draw_history(below, timed, clock, driven, **dash)
+        for port, line in zip(ports[:_TERMINALS], _lines(ports), strict=True):
+            draw_history(below, timed, clock, port.column(TERMINAL.primal), **line)
+            draw_history(charges[0], timed, clock, port.column(TERMINAL.dual), **line)
+            own = f"capacitance_pF.{port.name}.{port.name}"
+            if own in h:
+                draw_history(capacitance, h, u, own, marker=".", ms=4, **line)
     for axis, x, y in panels:
         axis.set(xlabel=label(x), ylabel=label(y))
     time.set_ylabel(label(u))
-    time.tick_params(labelbottom=False)
-    below.set(xlabel=label(clock), ylabel=label(driven))
-    below.margins(y=0.15)  # a low panel
-    steady(force, capacitance, time, below, last)
-    _keys(figure, runs, [y for _, _, y in panels], force.get_legend_handles_labels()[0])
+    lowest = [below, *charges][-1]
+    for axis in (time, below, *charges):
+        axis.tick_params(labelbottom=axis is lowest)
+    lowest.set_xlabel(label(clock))
+    below.set_ylabel(kind("kV") if ports else label(driven))
+    for axis in charges:
+        axis.set_ylabel(kind("µC"))
+        capacitance.set_ylabel(kind("pF"))
+    for axis in (below, *charges):
+        axis.margins(y=0.15)  # a low panel
+    steady(force, capacitance, time, below, last, *charges)
+    if ports:
+        figure.align_ylabels([time, below, *charges])
+    curves = force.get_legend_handles_labels()[0]
+    _keys(figure, runs, [y for _, _, y in panels], curves, _terminal_key(ports))
     return figure
 
 
@@ -155,12 +182,37 @@ def names(runs: Sequence[Run]) -> list[str]:
     return given if len(set(given)) == len(given) else [plain(run.directory) for run in runs]
 
 
-def _panel_beside(axis: Any) -> Any:
-    """Split the place of a panel in two, and add a panel below it."""
+def _panels_below(axis: Any, count: int) -> list[Any]:
+    """Split the place of a panel, and add panels of half its height below it."""
     spec = axis.get_subplotspec()
-    inner = spec.subgridspec(2, 1, height_ratios=(2, 1), hspace=0.08)
+    inner = spec.subgridspec(1 + count, 1, height_ratios=(2, *[1] * count), hspace=0.08)
     axis.set_subplotspec(inner[0])
-    return axis.figure.add_subplot(inner[1], sharex=axis)
+    return [axis.figure.add_subplot(inner[1 + k], sharex=axis) for k in range(count)]
+
+
+def _terminals(runs: Sequence[Run]) -> Sequence[Port]:
+    """The terminals of a single run if it has several, driven ones before floating ones."""
+    found = sorted(runs[0].config.device.of(TERMINAL), key=lambda port: port.floating)
+    return found if len(runs) == 1 and len(found) > 1 else []
+
+
+def _strongest(run: Run, ports: Sequence[Port]) -> str:
+    """Column of the largest voltage."""
+    return max((p.column(TERMINAL.primal) for p in ports), key=lambda c: run.history[c].abs().max())
+
+
+def _lines(ports: Sequence[Port]) -> list[dict[str, Any]]:
+    """Colour and dashes of the terminals that are shown."""
+    shown = range(min(len(ports), _TERMINALS))
+    return [{"color": f"C{2 + k}", "ls": DASHES[k % len(DASHES)]} for k in shown]
+
+
+def _terminal_key(ports: Sequence[Port]) -> list[Line2D]:
+    """Legend entries of the terminals, and of how many are left out."""
+    named = zip(ports, _lines(ports), strict=False)
+    found = [Line2D([], [], label=f"terminal {plain(port.name)}", **line) for port, line in named]
+    left = len(ports) - len(found)
+    return found + [Line2D([], [], ls="", label=f"and {left} more")] * (left > 0)
 
 
 def _colour(axis: Any, side: str, colour: str) -> None:
@@ -173,8 +225,14 @@ def _colour(axis: Any, side: str, colour: str) -> None:
         axis.grid(False)
 
 
-def _keys(figure: Any, runs: Sequence[Run], columns: Sequence[str], curves: Sequence[Any]) -> None:
-    """Add legends: above the figure for curves and limits, below it for markers."""
+def _keys(
+    figure: Any,
+    runs: Sequence[Run],
+    columns: Sequence[str],
+    curves: Sequence[Any],
+    terminals: Sequence[Any] = (),
+) -> None:
+    """Add legends: above the figure for curves and limits, below it for others."""
     bands = limits.key(runs, columns)
     above = [*curves, *bands] if len(runs) > 1 else bands
     title = names(runs)[0] if len(runs) == 1 else None
@@ -189,9 +247,9 @@ def _keys(figure: Any, runs: Sequence[Run], columns: Sequence[str], curves: Sequ
     elif title:
         figure.suptitle(title)
     colour = "C0" if len(runs) == 1 else plt.rcParams["text.color"]
-    marks = key([run.history for run in runs], colour)
+    marks = [*terminals, *key([run.history for run in runs], colour)]
     if marks:
-        figure.legend(handles=marks, loc="outside lower center", ncols=len(marks))
+        figure.legend(handles=marks, loc="outside lower center", ncols=min(len(marks), 7))
 
 
 def steady(*axes: Any) -> None:

@@ -38,7 +38,13 @@ _PATIENCE = 20.0  # s, for the writer of a run that was just killed; it needs le
 
 
 def prepare(
-    path: Path, case: Case, info: dict[str, Any], overwrite: bool, resume: bool, comm: MPI.Comm
+    path: Path,
+    case: Case,
+    info: dict[str, Any],
+    overwrite: bool,
+    resume: bool,
+    comm: MPI.Comm,
+    offer_resume: bool = True,
 ) -> tuple[Checkpoint | None, Lock]:
     """Make the run directory, or prepare an existing one to be resumed (collective).
 
@@ -49,6 +55,7 @@ def prepare(
         overwrite: Replace an existing run.
         resume: Continue an existing run.
         comm: MPI communicator.
+        offer_resume: Whether the caller could continue a run that is in the way.
 
     Returns:
         The checkpoint from which to continue, its arrays on rank 0, or None to start at the
@@ -68,7 +75,7 @@ def prepare(
                 lock = _held(path)
                 saved = _take_up(path, case, info)
             else:
-                lock = _make(path, overwrite)
+                lock = _make(path, overwrite, offer_resume)
             store.write_info(path, info)
             write_text(path / "config.yaml", case.text)
             write_text(path / "config.resolved.yaml", case.resolved)
@@ -106,18 +113,21 @@ def finished(path: Path, case: Case, comm: MPI.Comm) -> bool:
     return found
 
 
-def _make(path: Path, overwrite: bool) -> Lock:
+def _make(path: Path, overwrite: bool, offer_resume: bool = False) -> Lock:
     """Make a directory for a new run; files in it that are not dealib's are kept."""
     if _used(path):
         if not overwrite:
-            raise ConfigError(
-                f"{path} exists and is not empty; "
-                + by_caller(
+            ways = by_caller(
+                "choose another --out, or --overwrite it",
+                "choose another directory, or overwrite=True",
+            )
+            if offer_resume:
+                ways = by_caller(
                     "choose another --out, --overwrite it, or --resume it",
                     "choose another directory, overwrite=True, or resume=True",
                 )
-                + " if it is an unfinished run"
-            )
+                ways += " if it is an unfinished run"
+            raise ConfigError(f"{path} exists and is not empty; {ways}")
         if not (path / INFO).is_file():
             raise ConfigError(f"{path} is no run directory of dealib; it is not overwritten")
     try:

@@ -56,7 +56,7 @@ def terminal_of(config: Config, name: str | None) -> Port:
     """
     known = {port.name: port for port in config.device.of(TERMINAL) if not port.floating}
     if not known:
-        raise ConfigError("the device has no terminal to drive")
+        raise ConfigError(config.device.lacks(TERMINAL))
     if name is None:
         return next(iter(known.values()))
     if name not in known:

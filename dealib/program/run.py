@@ -16,6 +16,7 @@ from typing import Any, Protocol
 from mpi4py import MPI
 
 from dealib.config.case import Case, load
+from dealib.config.doubts import warn
 from dealib.errors import Interrupted, NotConverged, PlatformError, by_caller
 from dealib.fem.reuse import Reuse
 from dealib.log import to_file
@@ -62,6 +63,7 @@ class Log:
             "%d cells, %d unknowns, %d ranks", cells, simulation.unknowns, simulation.comm.size
         )
         log.info("linear solver: %s", simulation.engine.newton.linear_solver)
+        warn(simulation.case.config)
         row = simulation.progress.row
         self._rows = [] if row is None else [row]
         if simulation.progress.step >= 0:
@@ -177,7 +179,7 @@ def simulate(
     if resume and finished(path, case, comm):
         return Run(path)
     with Signals(comm) as signals, to_file(path, comm.rank == 0) as info["warnings"]:
-        saved, lock = prepare(path, case, info, overwrite, resume, comm)
+        saved, lock = prepare(path, case, info, overwrite, resume, comm, look is None)
         with lock, _Session(path, info, begin, comm) as session:
             log.info("%s", shlex.join(info["argv"]))
             log.info("%s", ", ".join(f"{k} {v}" for k, v in info["versions"].items()))

@@ -22,6 +22,11 @@ from dealib.results.elements import Array, cross, dot
 from dealib.results.mesh import ResultMesh
 from dealib.results.thickness import Columns, edges
 
+# Compression over the shear modulus G that a film without tension bears. An incompressible one
+# buckles at pi^2/3 G (thickness/span)^2: this is for a 57th of the span (Timoshenko and Gere,
+# Theory of Elastic Stability, 1961, wide plate with hinged ends). Rounding is far below it.
+_BORNE = 1e-3
+
 
 @dataclass(frozen=True)
 class Film:
@@ -55,8 +60,7 @@ class Film:
         law = material.law
         assert law is not None
         rest = float(stiffness(law, 1.0, 1.0))
-        mounted = _mounted_tension(material, material.branches if fresh else ())
-        tension = mounted if mounted > 1e-9 * rest else rest / 2
+        tension = _mounted_tension(material, material.branches if fresh else ())
         frame = local.Frame.across(material.normal) if frame is None else frame
         return cls(material, tension, rest, softens(law), frame)
 
@@ -106,10 +110,14 @@ class Film:
         A membrane wrinkles where it has no tension left in some direction of its plane (for
         dielectric elastomers: J.-S. Plante and S. Dubowsky, Int. J. Solids Struct. 43 (2006)
         7727). The average is taken because bending at the clamped ends compresses one face only.
-        A film without pre-stretch has no tension to lose: its stress is divided by half of
-        `stiffness` instead, and it is at its limit at rest.
+        A film with little or no pre-stretch has no tension to lose, and bears some compression
+        before it buckles. Its limit is a compression of `_BORNE` of its modulus at rest (half of
+        `stiffness`), and tension that it gains is a share of that modulus.
         """
-        return np.asarray(1 - smallest(tensions) / self.tension)
+        loss, modulus = self.tension - smallest(tensions), self.stiffness / 2
+        if self.tension >= _BORNE * modulus:
+            return np.asarray(loss / self.tension)
+        return np.asarray(loss / np.where(loss > 0, _BORNE, 1.0) / modulus)
 
     def pull_in(self, k: stress.Deformation) -> Array:
         """Field over the critical field at the present stretches of the film.

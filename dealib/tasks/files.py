@@ -94,7 +94,7 @@ def template(name: str = "deap") -> str:
     """The text of a commented config to start from.
 
     Args:
-        name: deap, benchmark or membrane.
+        name: deap, benchmark, membrane, disc or rectangle.
 
     Raises:
         ConfigError: If there is no such template.
