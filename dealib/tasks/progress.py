@@ -57,3 +57,5 @@ class Progress:
         if self._bar is not None:
             self._bar.stop()
         sys.stdout.flush()
+        if error is None:  # the summary needs it, and the last states are still being written
+            import pandas  # noqa: F401
