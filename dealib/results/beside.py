@@ -1,9 +1,9 @@
 """A writer in a separate process: the solver continues while results are written.
 
-Records are sent through a socket, in order. The process receives them at once, so that the run goes
-on, and answers each one when it is on the disk. Few or little may be unanswered (`_AHEAD`, `_BYTES`).
-If the run is killed, the process writes the records that it has received and ends. It shares the
-lock of the run directory, so that no other run uses the directory before.
+Records are sent through a socket, in order. The process receives them at once, so that the run
+goes on, and answers each one when it is on the disk. Few or little may be unanswered (`_AHEAD`,
+`_BYTES`). If the run is killed, the process writes the records that it has received and ends. It
+shares the lock of the run directory, so that no other run uses the directory before.
 """
 
 from __future__ import annotations
@@ -132,6 +132,7 @@ def main(file: int) -> None:
     from dealib.results.writer import StepWriter
 
     socket.recv_fds(socket.socket(fileno=os.dup(file)), 1, 1)  # held until this process ends
+    sys.setswitchinterval(2e-4)  # the run waits while a record is received, and not for a writer
     link, writer, received = Connection(file), None, SimpleQueue[Any]()
     threading.Thread(target=_receive, args=(link, received), daemon=True).start()
     try:
