@@ -13,6 +13,7 @@ from dealib.cli.launched import begin_quickly, rank
 from dealib.errors import FAULT, ConfigError, DealibError, Interrupted
 
 os.environ.setdefault("MPLBACKEND", "Agg")  # pictures go to files, with a screen or without
+os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # looking for some takes 20 ms
 _PATIENCE = 3.0  # seconds that other ranks wait for the message of the first one
 
 

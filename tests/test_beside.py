@@ -62,9 +62,10 @@ def test_it_writes_the_same(tmp_path, name):
 def test_its_death_is_reported_and_the_run_goes_on_from_there(tmp_path):
     case = dealib.load(HERE / "small.yaml")
     with Beside() as beside:
+        written = At(4, beside.wait)
         kill = At(9, lambda: os.kill(beside._process.pid, signal.SIGKILL))
         with pytest.raises(PlatformError, match="the process that writes results died"):
-            dealib.simulate(case, tmp_path / "run", beside=beside, observers=[kill])
+            dealib.simulate(case, tmp_path / "run", beside=beside, observers=[written, kill])
     stopped = dealib.open(tmp_path / "run")
     assert stopped.status == "failed"
     assert 4 <= len(stopped.history) <= 11
@@ -78,9 +79,9 @@ def test_its_failure_is_the_runs(tmp_path):
     case = dealib.load(HERE / "small.yaml")
     fields = tmp_path / "run" / xdmf.FIELD_DATA
     with Beside() as beside:
-        away = At(6, lambda: fields.rename(tmp_path / "away"))
+        written, away = At(5, beside.wait), At(6, lambda: fields.rename(tmp_path / "away"))
         with pytest.raises(PlatformError, match=r"cannot write .*No such file or directory"):
-            dealib.simulate(case, tmp_path / "run", beside=beside, observers=[away])
+            dealib.simulate(case, tmp_path / "run", beside=beside, observers=[written, away])
     assert dealib.open(tmp_path / "run").status == "failed"
 
 

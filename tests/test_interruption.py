@@ -37,12 +37,14 @@ def small(*changes):
     return dealib.load(SMALL, set=changes)
 
 
-def in_child(*arguments, limit=None):
-    """Start a run in a process of its own, which may write files up to a limit.
+def in_child(*arguments, limit=None, alone=False):
+    """Start a run in a process of its own, which may write files up to a limit, or writes them all.
 
     Not by a fork: MPICH shares memory with a forked child, whose writes break this process.
     """
     code = "import resource; import dealib.program; from dealib.__main__ import main; "
+    if alone:  # as on one processor
+        code += "from dealib.results.beside import Beside; Beside.useful = lambda: False; "
     if limit is not None:  # not before MPI has started: it writes files as well
         code += f"resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit})); "
     return subprocess.Popen(
@@ -135,12 +137,15 @@ def assert_readable(directory, whole):
 
 
 def kill_at_random(tmp_path, whole, times, seed):
-    """Half of the kills at any time, half while there is a history: steps take little of a run."""
+    """Half of the kills at any time, half while there is a history: steps take little of a run.
+
+    Half of the runs write by themselves: a process beside writes all that it has been given.
+    """
     whole, seconds = whole[0], dict(whole[1])
     rng, found = random.Random(seed), []
     while len(found) < times:
         directory = tmp_path / f"killed_{len(found)}"
-        job = in_child("--out", directory, "--overwrite")
+        job = in_child("--out", directory, "--overwrite", alone=len(found) % 4 in (1, 2))
         any_time = len(found) % 2 == 0
         wait_for(directory if any_time else directory / HISTORY)
         delay = rng.uniform(0, seconds[any_time])

@@ -58,7 +58,7 @@ def run_case(
             case, directory, overwrite=overwrite, resume=resume, beside=beside, **watched()
         )
     if comm.rank == 0:
-        typer.echo(summary(result, loud))
+        typer.echo(summary(Run(result.directory, case.config), loud))
 
 
 def loud(verdict: str, text: str) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
@@ -131,7 +132,12 @@ class TurnInput(_Port):
     moment: Moments | None = Field(None, description="prescribed moment about the centre")
 
 
-ELEMENT: TypeAdapter[Element | Gas | Filled] = TypeAdapter(Element | Gas | Filled)
+@functools.cache
+def elements() -> TypeAdapter[Element | Gas | Filled]:
+    """Reads an element from its plain values; made when it is needed, since that takes 40 ms."""
+    return TypeAdapter(Element | Gas | Filled)
+
+
 Input: TypeAlias = MountInput | TerminalInput | ChamberInput | TurnInput
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from dealib.config.bias import BiasElement, Element, SecondFilm
 from dealib.config.chamber import Filled, Gas
-from dealib.config.program import ELEMENT, ChamberInput, Course, Input, MountInput, Stage
+from dealib.config.program import ChamberInput, Course, Input, MountInput, Stage, elements
 from dealib.config.wave import Wave
 from dealib.device.device import Device
 from dealib.device.records import Port, PortKind
@@ -79,7 +79,7 @@ class Drive:
     @classmethod
     def of(cls, plain: dict[str, Any]) -> Drive:
         """Inverse of `plain`, also after a round trip through JSON."""
-        element = plain["element"] and ELEMENT.validate_python(plain["element"])
+        element = plain["element"] and elements().validate_python(plain["element"])
         shape = plain["shape"] and Waveform.restored(plain["shape"])
         knots = tuple(plain["knots"])
         return cls(**{**plain, "knots": knots, "element": element, "shape": shape})

@@ -1,9 +1,9 @@
 """A writer in a separate process: the solver continues while results are written.
 
-Records are sent through a socket, in order. The process answers each one once it is on the disk,
-and at most `_AHEAD` records may be unanswered. If the run is killed, the process writes the records
-that it has received and ends. It shares the lock of the run directory, so that no other run uses
-the directory before.
+Records are sent through a socket, in order. The process receives them at once, so that the run
+goes on, and answers each one when it is on the disk. Few or little may be unanswered (`_AHEAD`,
+`_BYTES`). If the run is killed, the process writes the records that it has received and ends. It
+shares the lock of the run directory, so that no other run uses the directory before.
 """
 
 from __future__ import annotations
@@ -13,9 +13,12 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+from collections import deque
 from contextlib import suppress
 from multiprocessing.connection import Connection
+from multiprocessing.reduction import ForkingPickler
+from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from dealib.errors import PlatformError
@@ -24,7 +27,8 @@ from dealib.results.lock import Lock
 if TYPE_CHECKING:
     from dealib.results.writer import Record, WriterSetup
 
-_AHEAD = 4  # messages that may be unanswered
+_AHEAD = 4  # messages that may be unanswered in any case,
+_BYTES = 8_000_000  # and more as long as they are no larger together
 _CODE = "import sys; sys.path[:] = {path!r}; from dealib.results.beside import main; main({file})"
 
 
@@ -46,7 +50,7 @@ class Beside:
                 pass_fds=(theirs.fileno(),),
                 start_new_session=True,  # the terminal's Ctrl-C is the run's alone
             )
-        self._due = 0  # answers that are still to come
+        self._due: deque[int] = deque()  # sizes of the messages whose answers are still to come
 
     @staticmethod
     def useful() -> bool:
@@ -87,14 +91,19 @@ class Beside:
                 return found
 
     def _send(self, message: WriterSetup | Record | None) -> None:
-        while self._due >= _AHEAD or self._link.poll():
+        content = ForkingPickler.dumps(message)
+        while self._full(len(content)) or self._link.poll():
             self._answer()
         try:
-            self._link.send(message)
+            self._link.send_bytes(content)
         except OSError:  # it has left; its last answer says why
             while True:
                 self._answer()
-        self._due += 1
+        self._due.append(len(content))
+
+    def _full(self, size: int) -> bool:
+        """Whether too much is unanswered for a message of a size."""
+        return len(self._due) >= _AHEAD and sum(self._due) + size > _BYTES
 
     def _answer(self) -> Any:
         """The next answer.
@@ -108,7 +117,7 @@ class Beside:
             raise PlatformError("the process that writes results died; is memory short?") from None
         if isinstance(found, PlatformError):
             raise found
-        self._due -= 1
+        self._due.popleft()
         return found
 
 
@@ -123,10 +132,12 @@ def main(file: int) -> None:
     from dealib.results.writer import StepWriter
 
     socket.recv_fds(socket.socket(fileno=os.dup(file)), 1, 1)  # held until this process ends
-    link, writer = Connection(file), None
+    sys.setswitchinterval(2e-4)  # the run waits while a record is received, and not for a writer
+    link, writer, received = Connection(file), None, SimpleQueue[Any]()
+    threading.Thread(target=_receive, args=(link, received), daemon=True).start()
     try:
-        for message in _messages(link):
-            answer = None
+        while (content := received.get()) is not None:
+            message, answer = ForkingPickler.loads(content), None
             if writer is None:
                 writer = StepWriter(message)
             elif message is None:
@@ -134,6 +145,8 @@ def main(file: int) -> None:
             else:
                 writer.add(message)
             _tell(link, answer)
+            if answer is not None:
+                os._exit(0)  # all is written: the run need not wait for the interpreter's end
     except PlatformError as error:
         _tell(link, error)
     except BaseException as error:
@@ -141,10 +154,12 @@ def main(file: int) -> None:
         _tell(link, PlatformError(told))
 
 
-def _messages(link: Connection) -> Iterator[Any]:
+def _receive(link: Connection, into: SimpleQueue[Any]) -> None:
+    """Receive messages while others are written; None at the end."""
     with suppress(EOFError, OSError):  # the run has ended, or was killed in a message
         while True:
-            yield link.recv()
+            into.put(link.recv_bytes())
+    into.put(None)
 
 
 def _tell(link: Connection, answer: float | PlatformError | None) -> None:

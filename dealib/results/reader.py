@@ -36,13 +36,16 @@ class Run:
 
     Args:
         directory: The run directory.
+        config: Its config, if that is at hand; default: it is read when it is needed.
 
     Raises:
         ConfigError: If the directory holds no run.
     """
 
-    def __init__(self, directory: str | Path) -> None:
+    def __init__(self, directory: str | Path, config: Config | None = None) -> None:
         self.directory = Path(directory)
+        if config is not None:
+            self.config = config
         self._told: set[str] = set()
         if any((self.directory / name).is_file() for name in (HISTORY, store.STATES)):
             return

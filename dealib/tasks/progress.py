@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import sys
-
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as Bar
+from typing import TYPE_CHECKING
 
 from dealib.program import Simulation, State
 from dealib.program.run import line, ports_told
 from dealib.units import counted
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
 
 
 class Progress:
     """An observer of a run that shows a bar on a terminal, and prints plain lines elsewhere."""
 
     def __init__(self) -> None:
-        self._console = Console()
         self._bar: Bar | None = None
 
     def start(self, simulation: Simulation) -> None:
@@ -27,9 +26,15 @@ class Progress:
         done = simulation.progress.step
         if done >= 0:
             head += f", resumed after step {done}"
-        if not self._console.is_terminal:
+        if not sys.stdout.isatty():
             print(head, flush=True)
             return
+        # imported for terminals alone
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+        from rich.progress import Progress as Bar
+
+        console = Console()
         columns = (
             TextColumn("{task.description}"),
             BarColumn(),
@@ -37,9 +42,9 @@ class Progress:
             TimeElapsedColumn(),
             TextColumn("{task.fields[now]}"),
         )
-        self._bar = Bar(*columns, console=self._console)
+        self._bar = Bar(*columns, console=console)
         self._task = self._bar.add_task(config.name, total=n, now="", completed=max(done, 0))
-        self._console.print(head, highlight=False)
+        console.print(head, highlight=False)
         self._bar.start()
 
     def see(self, state: State) -> None:
@@ -57,3 +62,5 @@ class Progress:
         if self._bar is not None:
             self._bar.stop()
         sys.stdout.flush()
+        if error is None:  # the summary needs it, and the last states are still being written
+            import pandas  # noqa: F401
