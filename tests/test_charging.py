@@ -179,6 +179,7 @@ def test_what_does_not_go_with_it():
         config("strip", sensing=both)
 
 
+@pytest.mark.once
 @pytest.mark.mpi
 def test_two_ranks_charge_alike(tmp_path):
     stage = {

@@ -21,6 +21,8 @@ from dealib.results.reader import CONFIG
 from dealib.results.store import STATES
 from dealib.results.tables import DeviceTables
 
+pytestmark = pytest.mark.once  # files
+
 SMALL = Path(__file__).parent / "small.yaml"
 CODES = {0, 2, 3, 4}  # documented, and of no signal
 GIVEN, MESH = "config.yaml", "mesh.msh"

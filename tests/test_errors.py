@@ -312,6 +312,7 @@ def test_sigterm_while_cases_are_solved(folder, name):
 # --- threads --------------------------------------------------------------------------------------
 
 
+@pytest.mark.once
 def test_threads_take_turns(tmp_path):
     code = f"""
 import threading, dealib

@@ -166,6 +166,7 @@ def kill_at_random(tmp_path, whole, times, seed):
 
 
 @pytest.mark.once
+@pytest.mark.once
 def test_killed_at_random(tmp_path, whole):
     found = kill_at_random(tmp_path, whole, 8, seed=1)
     assert len(set(found)) > 2  # the kills fell on different steps
@@ -178,6 +179,7 @@ def test_killed_at_random_a_hundred_times(tmp_path, whole):
     assert len(set(found)) > 15
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("wanted", ["every", "stage", "none"])
 def test_killed_between_any_two_writes(tmp_path, whole, wanted, monkeypatch):
     """Stopped right after the history, the state or the fields of a step were written."""
@@ -464,6 +466,7 @@ def test_a_limit_on_file_size_stops_it_cleanly(tmp_path, whole, kilobytes):
     assert_same_history(resumed, whole[0])
 
 
+@pytest.mark.once
 @pytest.mark.skipif(not ROOT, reason="needs to mount a small file system")
 @pytest.mark.parametrize("ranks", [1, pytest.param(2, marks=pytest.mark.mpi)])
 def test_a_full_disk_keeps_what_is_there(tmp_path, whole, ranks):
@@ -566,6 +569,7 @@ def test_a_busy_machine_keeps_the_commit(tmp_path, monkeypatch):
     assert git_hash() == expected
 
 
+@pytest.mark.once
 def test_quiet_unless_verbose(tmp_path):
     quiet = subprocess.run(command("--out", tmp_path / "a"), capture_output=True, text=True)
     assert quiet.returncode == 0

@@ -328,6 +328,7 @@ def million(tmp_path):
     return [*map(float, done.stdout.split()), float(np.mean(columns[2]))]
 
 
+@pytest.mark.once
 def test_a_million_rows_in_500_mb(tmp_path):
     points, mean, _, memory, exact = million(tmp_path)
     assert points == pytest.approx(1000, abs=5)

@@ -423,6 +423,7 @@ def test_a_run_goes_on_where_it_was_stopped(tmp_path):
         assert again[name].to_numpy() == pytest.approx(whole[name].to_numpy(), abs=1e-12)
 
 
+@pytest.mark.once
 @pytest.mark.mpi
 def test_two_ranks_share_a_mount_and_its_modes(tmp_path):
     """A column that is twisted, and pressed until it buckles."""

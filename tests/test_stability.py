@@ -70,6 +70,7 @@ def lost(rows: list[dict[str, Any]]) -> tuple[int, dict[str, float]]:
     return k, lost_at(rows[max(k - 2, 0) : k + 1])
 
 
+@pytest.mark.once
 def test_a_strip_buckles_at_its_voltage(tmp_path):
     """Between clamps: at 4 pi^2 D / L^2, in the shape 1 - cos; told, stored and drawn."""
     exact = buckling_voltage(EULER)

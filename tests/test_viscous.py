@@ -246,6 +246,7 @@ def test_energy_balance_closes_with_second_order():
     assert integral == pytest.approx(lost.iloc[-1], rel=5e-3)
 
 
+@pytest.mark.once
 def test_a_tighter_time_tolerance_gives_proportionally_smaller_errors():
     reference = cycle(256, solver__time_tolerance=0).iloc[-1]
     steps, errors = [], []
