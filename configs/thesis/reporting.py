@@ -22,7 +22,7 @@ proportion to its modulus; a curve that fits what 1.25 MPa fits lies within half
 
 COUPLING = """\
 The thesis names two couplings, Maxwell's stress and Pelrine's pressure eps (V/d)^2 (section
-3.2.3), and says neither which figure is by which nor which thickness d is. Figs. 31 and 32 are
+3.2.3), but neither says which one a figure uses nor which thickness d is. Figs. 31 and 32 are
 computed by dealib's `energy` (with which `maxwell_traction` and `pelrine` with the current
 thickness agree) and by `pelrine_undeformed`, the pressure with the thickness at rest. One set of
 parameters serves both."""
@@ -30,15 +30,15 @@ parameters serves both."""
 FALLING = """\
 A flat film resists the mount only by its pre-stress (electrodes carry none): F = k u with k in
 proportion to sigma - eps (V/H)^2. If the voltage takes nearly all of the pre-stress, a small mass
-finds no resistance and sinks until stretching stops it, while a large mass already lives on the
+finds no resistance and sinks until stretching stops it, while a large mass is already carried by
 stretching: the stroke falls with the mass. If much pre-stress is left, the stroke begins at zero,
 in proportion to the mass, and rises. So the trend wants a large ratio of Maxwell stress to
 pre-stress, that is little pre-stretch or a thin film. At large masses the energy form adds a rise:
 as the film thins the true field grows, and Mooney-Rivlin with C01 < 0 softens. With the thickness
-at rest in the pressure that growth is missing and the strokes fall on."""
+at rest in the pressure that growth is missing, and the strokes keep falling."""
 
 RECIPROCAL = """\
-With any coupling that stands on a potential, the force that a voltage takes off and the growth of
+With any coupling derived from a potential, the force that a voltage takes off and the growth of
 the capacitance are one quantity: F(u, 0) - F(u, V) = integral of V dC/du, to leading order V^2/2
 dC/du. The axis of Figs. 33 and 38 has DEAP100 begin at 220 .. 240 pF and end, at 2.5 mm, at 320 ..
 340 pF (its first and last ticks): at least {rise:.0f} pF more. C grows with u^2, so that dC/du at
@@ -95,7 +95,7 @@ def report(final: Fit, fits: dict[str, Fit], maps: Maps) -> str:
         "## Windows",
         window_table(final),
         CLOSE,
-        "## Windows that do not hold together",
+        "## Windows that contradict each other",
         "Each violated window, by how much of its width, and the violated window whose pull on the "
         "parameters is most opposed to it (cosine -1: they ask for exactly opposite changes).",
         table(
