@@ -192,7 +192,7 @@ class _Page:
                 yield from self._below(one, f"{path}.{key}".lstrip(".") + on)
 
     def _table(self, node: Node, keys: Node, own: str = "") -> Iterator[str]:
-        yield from ("| key | value | default | meaning |", "|---|---|---|---|")
+        yield from ("| key | meaning | value | default |", "|---|---|---|---|")
         for key, value in keys.items():
             required = "*needed*" if key in node.get("required", ()) else ""
             default = f"`{value['default']}`" if value.get("default", "") != "" else required
@@ -202,7 +202,7 @@ class _Page:
             for general in {self._general.get(n.get("$ref", "")) for n in _sections(held)} - {None}:
                 what = what.replace("section", f"[{general}](#{general})")
             what = "as its key" if own and what == own else what
-            yield f"| `{key}` | {what} | {default} | {means} |".replace("  ", " ")
+            yield f"| `{key}` | {means} | {what} | {default} |".replace("  ", " ")
 
     def _below(self, held: Node, path: str) -> Iterator[str]:
         tagged = variants(held, self._defs)

@@ -110,9 +110,9 @@ port follows: `voltage_kV.left`, and `capacitance_pF.left.right` for pairs.
 
 ## History
 
-| column | unit | meaning | there with |
+| column | meaning | unit | there with |
 |---|---|---|---|
-| `stage` |  | name of the stage that the state belongs to |  |"""
+| `stage` | name of the stage that the state belongs to |  |  |"""
 _FURTHER = (
     ("inflow_mm3.NAME", "mm3", "volume that came into a chamber through an opening", "an opening"),
     ("NAME_UNIT", "", "a probe, such as `tip_mm` or `E_MV_per_m`; an integral: no unit", "probes"),
@@ -123,7 +123,7 @@ _OTHERS = """
 `dealib.open(RUN).table("modes")` reads `modes.csv` of a run directory as a pandas table. Here too
 the name of a port follows where there are several of its kind.
 
-| file | columns | unit | meaning |
+| file | columns | meaning | unit |
 |---|---|---|---|"""
 
 
@@ -135,9 +135,9 @@ def page() -> str:
 def _history() -> Iterator[str]:
     for q in QUANTITIES:
         needs = "; ".join(filter(None, (f"a {q.kind.name}" if q.kind else "", q.needs.text)))
-        yield f"| `{q.name}` | {q.unit} | {MEANINGS[q.name]} | {needs} |"
+        yield f"| `{q.name}` | {MEANINGS[q.name]} | {q.unit} | {needs} |"
     for name, unit, meaning, needs in _FURTHER:
-        yield f"| `{name}` | {unit} | {meaning} | {needs} |"
+        yield f"| `{name}` | {meaning} | {unit} | {needs} |"
 
 
 def _ports() -> Iterator[str]:
@@ -151,4 +151,4 @@ def _ports() -> Iterator[str]:
 def _tables() -> Iterator[str]:
     for file, names, unit, meaning in _TABLES:
         columns = ", ".join(f"`{name}`" for name in names.split(", "))
-        yield f"| {f'`{file}`' if file else ''} | {columns} | {unit} | {meaning} |"
+        yield f"| {f'`{file}`' if file else ''} | {columns} | {meaning} | {unit} |"

@@ -39,10 +39,10 @@ def reference() -> str:
 def _material_test() -> Iterator[str]:
     schema = json_schema(MaterialTest)
     yield from ("", "## `material_test`", "", schema["description"], "")
-    yield from ("| key | value | default | meaning |", "|---|---|---|---|")
+    yield from ("| key | meaning | value | default |", "|---|---|---|---|")
     for key, value in schema["properties"].items():
         default = f"`{value['default']}`" if "default" in value else "*needed*"
-        yield f"| `{key}` | {kind(value)} | {default} | {meaning(value)} |".replace("  ", " ")
+        yield f"| `{key}` | {meaning(value)} | {kind(value)} | {default} |".replace("  ", " ")
 
 
 def _functions() -> Iterator[str]:
