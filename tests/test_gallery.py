@@ -6,6 +6,7 @@ the membrane, to which a solid tends linearly in its thickness: raw, and in that
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from functools import partial
 from io import StringIO
@@ -19,7 +20,6 @@ import pandas as pd
 import pytest
 from conftest import CONFIGS, case, history
 from laminates import FILM, config, layer, rows
-from rich.console import Console
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq, fsolve, minimize_scalar
 from test_parallel import finish, start
@@ -486,10 +486,17 @@ def test_info_says_what_voltage_does_to_a_chamber(tmp_path):
     assert "held" not in text
 
 
-def test_the_bar_on_a_terminal_shows_the_ports_that_there_are():
-    shown = StringIO()
+class Terminal(StringIO):
+    def isatty(self):
+        return True
+
+
+def test_the_bar_on_a_terminal_shows_the_ports_that_there_are(monkeypatch):
+    shown = Terminal()
+    monkeypatch.setattr(sys, "stdout", shown)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "160")
     bar = Progress()
-    bar._console = Console(file=shown, force_terminal=True, width=160)
     run = dealib.Simulation(case("devices/balloon", program="[{stage: rest}]"))
     bar.start(run)
     for state in run:
