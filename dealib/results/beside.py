@@ -9,6 +9,7 @@ shares the lock of the run directory, so that no other run uses the directory be
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import socket
 import subprocess
@@ -17,7 +18,6 @@ import threading
 from collections import deque
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from multiprocessing.reduction import ForkingPickler
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
@@ -91,7 +91,7 @@ class Beside:
                 return found
 
     def _send(self, message: WriterSetup | Record | None) -> None:
-        content = ForkingPickler.dumps(message)
+        content = pickle.dumps(message, pickle.HIGHEST_PROTOCOL)
         while self._full(len(content)) or self._link.poll():
             self._answer()
         try:
@@ -137,7 +137,7 @@ def main(file: int) -> None:
     threading.Thread(target=_receive, args=(link, received), daemon=True).start()
     try:
         while (content := received.get()) is not None:
-            message, answer = ForkingPickler.loads(content), None
+            message, answer = pickle.loads(content), None
             if writer is None:
                 writer = StepWriter(message)
             elif message is None:
