@@ -30,8 +30,9 @@ class Vibrations:
         modes: Squares of the angular frequencies, 1/s^2, and the shapes, of unit mass (1 t).
         values: Value of each port in the shapes, (modes,).
         duals: dPi/dq at each port in the shapes, (modes,).
-        circuits: Squares of the angular frequencies with a terminal open, and with its voltage
-            held, (2, modes), by connected terminal; NaN where a mode is not found again.
+        circuits: Squares of the angular frequencies of the first modes with a terminal open, and
+            with its voltage held, (2, modes), by connected terminal; NaN where a mode is not found
+            again.
     """
 
     modes: Eigenmodes
@@ -41,7 +42,7 @@ class Vibrations:
 
 
 def vibrations(
-    newton: Newton, viscosity: Viscosity | None, count: int, circuits: bool = True
+    newton: Newton, viscosity: Viscosity | None, count: int, circuits: int = 0
 ) -> Vibrations:
     """Vibrations under the ports' equations at the current q (collective).
 
@@ -51,7 +52,8 @@ def vibrations(
         newton: The solver.
         viscosity: State of the branches, if there are some.
         count: Number of modes.
-        circuits: Whether to find the frequencies with each terminal open and held, too.
+        circuits: Number of the first modes whose frequencies are also found with each terminal open
+            and held. This is another eigenvalue problem for each terminal.
     """
     system, kept = newton.system, newton.system.q.copy()
     with nullcontext() if viscosity is None else viscosity.held(lambda branch: True):
@@ -63,7 +65,7 @@ def vibrations(
             system.residual(system.q, system.residual_vector)
 
 
-def _vibrations(newton: Newton, count: int, circuits: bool) -> Vibrations:
+def _vibrations(newton: Newton, count: int, circuits: int) -> Vibrations:
     system = newton.system
     tangent = fixed_tangent(system)
     mass = system.mass()
@@ -78,14 +80,15 @@ def _vibrations(newton: Newton, count: int, circuits: bool) -> Vibrations:
         moved = [column.dot(x) for x in _vectors(system, modes.shapes)]
         duals[name] = duals[name] - modes.values * moved
     found: dict[str, Array] = {}
+    first = modes.first(circuits)
     terminals = system.problem.device.of(TERMINAL) if circuits else ()
     for port in (p for p in terminals if not p.floating):
         short = system.ports[port.name].value is not None
         with switched(system, port.name, opened=short):
             # the mass matrix is the same, since a terminal has no mass
-            other = lowest(fixed_tangent(system), mass, newton.concave, count + MORE)
-        same = modes.again(other).values
-        both = (same, modes.values) if short else (modes.values, same)
+            other = lowest(fixed_tangent(system), mass, newton.concave, circuits + MORE)
+        same = first.again(other).values
+        both = (same, first.values) if short else (first.values, same)
         found[port.name] = np.array(both)
     return Vibrations(modes, values, duals, found)
 

@@ -102,7 +102,7 @@ class ModesWatch:
             return state
         most = int(of.newton.system.q.size) - 1
         count = min(self.count + MORE * along, most)
-        found = vibrations(of.newton, of.viscosity, count, circuits=wanted)
+        found = vibrations(of.newton, of.viscosity, count, circuits=self.count * wanted)
         if along:
             before = self._followed
             # modes beyond `count` are followed too, since they may come in from above

@@ -163,9 +163,12 @@ class Results:
                 raise self.plan.fault(("windows", i, "value"), str(error)) from None
             found.append(judge(window, values.astype(float)))
         for i, panel in enumerate(self.study.panels):
-            if isinstance(panel, (Curves, Points)) and panel.y.limits is not None:
+            if not isinstance(panel, (Curves, Points)):
+                continue
+            curves = self.curves(i)  # those without limits too, since their faults are told
+            if panel.y.limits is not None:
                 window = axis_window(panel.title, panel.y, self.study.source)
-                inside = [between(c.x, c.y, panel.x.limits) for c in self.curves(i)]
+                inside = [between(c.x, c.y, panel.x.limits) for c in curves]
                 found.append(judge(window, np.concatenate([np.empty(0), *inside])))
         return found
 

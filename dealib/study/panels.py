@@ -37,7 +37,6 @@ _SETTINGS: dict[Any, Any] = {  # changes of the light theme
     "grid.alpha": 0.25,
     "axes.prop_cycle": cycler(color=COLOURS),
     "axes.formatter.limits": (-3, 4),
-    "axes.formatter.use_mathtext": True,
     "legend.fontsize": "small",
     "font.size": 9.5,
     "svg.fonttype": "none",  # text stays text

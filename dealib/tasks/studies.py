@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from itertools import repeat
+from multiprocessing import get_context
 from pathlib import Path
+from signal import SIG_IGN, SIGINT, signal
 from typing import TYPE_CHECKING, Any
 
 from dealib.cases.cache import DONE, Cache
@@ -25,6 +30,7 @@ if TYPE_CHECKING:
     from dealib.study.gallery import GalleryEntry
 
 Tell = Callable[[str], None]
+Picture = tuple[str, bytes]  # SVG and PNG
 _SHOWN = 20  # cases whose quantities are printed
 
 
@@ -82,7 +88,7 @@ def results(
     folder = made(out, path, plans)
     failed = solve(plans, store, jobs, retry, tell, watch)
     states = [sweep.statuses(p, store, failed) for p in plans]
-    return states, report(plans, states, store, folder, path, tell)
+    return states, report(plans, states, store, folder, path, tell, jobs)
 
 
 def read(path: Path, tell: Tell) -> list[StudyPlan]:
@@ -165,6 +171,7 @@ def report(
     folder: Path,
     path: Path,
     tell: Tell,
+    jobs: int | None = None,
 ) -> list[Results]:
     """Write figures, tables and gallery of studies; returns the results of each."""
     import pandas as pd
@@ -173,14 +180,16 @@ def report(
     from dealib.study.gallery import GalleryEntry, page
 
     entries: list[GalleryEntry] = []
-    for plan, of_a_study in zip(plans, states, strict=True):
-        try:
-            results = Results(plan, store, of_a_study)
-            entries.append(GalleryEntry(results, _draw(results, folder), results.windows))
-        except Exception as error:
-            error.add_note(f"while {plan.path} was collected and drawn; its cases are kept")
-            raise
-        _verdict(entries[-1], folder, tell)
+    with _drawing(plans, states, store, jobs or cores()) as pictures:
+        for plan, of_a_study in zip(plans, states, strict=True):
+            try:
+                results = Results(plan, store, of_a_study)
+                svg = _write(results, next(pictures), folder)
+                entries.append(GalleryEntry(results, svg, results.windows))
+            except Exception as error:
+                error.add_note(f"while {plan.path} was collected and drawn; its cases are kept")
+                raise
+            _verdict(entries[-1], folder, tell)
     windows = [row for entry in entries for row in entry.table]
     write_text(folder / "windows.csv", pd.DataFrame(windows).to_csv(index=False))
     title = plans[0].study.title if len(plans) == 1 else f"Studies of {path}"
@@ -190,18 +199,45 @@ def report(
     return [entry.results for entry in entries]
 
 
-def _draw(results: Results, folder: Path) -> str:
+@contextmanager
+def _drawing(
+    plans: list[StudyPlan], states: list[list[CaseStatus]], store: Cache, count: int
+) -> Iterator[Iterator[Picture | None]]:
+    """The pictures of studies; several studies are drawn by several processes."""
+    processes = min(count, len(plans))
+    if processes < 2:
+        yield map(_drawn, plans, states, repeat(store))
+        return
+    pool = ProcessPoolExecutor(processes, get_context("spawn"), _ignore_interrupt)
+    try:
+        yield pool.map(_drawn, plans, states, repeat(store))
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _ignore_interrupt() -> None:
+    signal(SIGINT, SIG_IGN)  # Ctrl-C reaches all processes; the parent acts
+
+
+def _drawn(plan: StudyPlan, states: list[CaseStatus], store: Cache) -> Picture | None:
+    from dealib.study.evaluate import Results
+
+    return draw_panels(Results(plan, store, states))
+
+
+def _write(results: Results, picture: Picture | None, folder: Path) -> str:
     """Write table and pictures of a study; returns the SVG's text."""
-    name, drawn = results.study.name, draw_panels(results)
+    name = results.study.name
     write_text(folder / f"{name}.csv", results.table.to_csv(index=False))
-    if drawn is None:
+    if picture is None:
         return ""
-    write_text(folder / f"{name}.svg", drawn[0])
-    write_bytes(folder / f"{name}.png", drawn[1])
-    return drawn[0]
+    svg, png = picture
+    write_text(folder / f"{name}.svg", svg)
+    write_bytes(folder / f"{name}.png", png)
+    return svg
 
 
-def draw_panels(results: Results) -> tuple[str, bytes] | None:
+def draw_panels(results: Results) -> Picture | None:
     """The panels of a study as SVG and PNG (see `study.panels.draw`)."""
     with warnings.catch_warnings():
         # where Debian's and pip's Matplotlib meet, 3-D axes, which are not used here, do not load
