@@ -785,3 +785,28 @@ def test_panels_of_a_device_in_space_are_views(tmp_path, monkeypatch):
         monkeypatch.setattr(module, "check_rendering", blind)
     text, _ = panels.draw(results)
     assert text.count("no picture here") == 2
+
+
+def test_studies_are_drawn_alike_by_one_process_and_by_two(tmp_path):
+    """A fault in a panel is told as well, whichever process met it."""
+    panels = "columns: 1\npanels:\n" + "".join(
+        f"  - {{kind: curves, title: {title}, x: {{value: stretch, label: Stretch}}, "
+        f"y: {{value: {value}, label: Stress (MPa)}}}}\n"
+        for title, value in (("stress", "stress_MPa"), ("nothing", "sqrt(-stretch)"))
+    )
+    for name in ("one", "two"):
+        material = "{law: neo_hookean, shear_modulus: 1 MPa, bulk_modulus: 50 MPa}"
+        text = f"name: {name}\ntitle: {name}\n{panels}"
+        text += f"material_test: {{material: {material}, stretch: [1, 2]}}\n"
+        (tmp_path / f"{name}.yaml").write_text(text)
+    found = {
+        jobs: dealib.run_study(tmp_path, tmp_path / f"out{jobs}", jobs, cache=tmp_path / "cases")
+        for jobs in (1, 2)
+    }
+    for name in ("one.svg", "two.svg", "one.png", "gallery.html"):
+        drawn = [(tmp_path / f"out{jobs}" / name).read_bytes() for jobs in (1, 2)]
+        assert drawn[0] == drawn[1] and len(drawn[0]) > 2000
+    for results in found.values():
+        for one in results:
+            (fault,) = one.faults
+            assert "panels.1" in fault and "is finite" in fault
