@@ -291,16 +291,13 @@ def milestones(stage: Stage, drives: list[Drive]) -> tuple[list[float], set[floa
     Returns:
         All times in order, and those among them where an input has a corner.
     """
-    corners = {
-        round(c + k / (len(d.in_cycle(c)) - 1), 12)
+    corners = [
+        c + k / (len(d.in_cycle(c)) - 1)
         for d in drives
         for c in range(stage.cycles)
         for k in range(1, len(d.in_cycle(c)))
         if d.shape is None
-    }
-    grid = {
-        round(c + k / stage.count, 12)
-        for c in range(stage.cycles)
-        for k in range(1, stage.count + 1)
-    }
-    return sorted(grid | corners), corners
+    ]
+    grid = [c + k / stage.count for c in range(stage.cycles) for k in range(1, stage.count + 1)]
+    exact = {round(t, 12): t for t in [*corners, *grid]}  # times that differ by rounding are one
+    return sorted(exact.values()), {exact[round(t, 12)] for t in corners}
