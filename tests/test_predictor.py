@@ -138,7 +138,7 @@ def test_the_first_step_is_recalled_if_the_second_shows_that_it_did_not_jump(jum
 
     predictor = Predictor()
     predictor.add(0.0, ("voltage", 0.0), path(0.0))
-    predictor.start()
+    predictor.start(("voltage", 0.0))
     for t in (0.25, 0.5, 0.75):
         predictor.add(t, ("voltage", t), path(t), vector(2 * t))
     predictor.corner()
@@ -172,3 +172,52 @@ def test_memory_bounds_how_many_states_are_remembered():
     predictor.corner()
     back = predictor.predict(1.5, ("voltage", 18 / 19))
     assert back.array == pytest.approx(parabola(18 / 19).array)
+
+
+def swing(predictor, count, path=lambda V: vector(V**2, V), steps=6):
+    """Go along a sine of voltage; returns by step whether the state was known, and the guesses."""
+    predictor.add(0.0, ("prestretch", 1.0), path(0.0))
+    predictor.start(("terminal.voltage", 0.0))
+    known, guesses = [], []
+    for k in range(1, count + 1):
+        V = np.sin(np.pi / 2 * k / steps)
+        guess = predictor.predict(k / steps, ("terminal.voltage", V))
+        known.append(predictor.known)
+        guesses.append(guess)
+        predictor.add(k / steps, ("terminal.voltage", V), path(V))
+    return known, guesses
+
+
+def test_a_wave_turns_at_its_peak_and_beyond_zero_it_comes_to_images():
+    """The first quarter of a sine is solved; all others are known, the second one reversed."""
+    known, guesses = swing(Predictor(signs=vector(1.0, -1.0)), 48)
+    assert known == [False] * 6 + [True] * 42
+    for k, guess in enumerate(guesses[6:], start=7):
+        V = np.sin(np.pi / 12 * k)
+        assert guess.array == pytest.approx([V**2, V], abs=1e-12)
+
+
+def test_a_wave_of_what_is_not_even_has_no_images():
+    known, _ = swing(Predictor(), 24)
+    assert known[6:12] == [True] * 6  # back to zero
+    assert known[12:18] == [False] * 6
+
+
+def test_a_wave_is_not_led_back_across_a_jump():
+    def snapping(V):
+        return vector(V**2 + 10 * (V > 0.7), V)
+
+    known, _ = swing(Predictor(signs=vector(1.0, -1.0)), 24, snapping, 12)
+    assert not any(known[:12])
+    assert any(known[12:18])  # from the peak down to the jump
+    assert not any(known[18:])
+
+
+def test_a_restored_path_goes_on_through_images():
+    whole, again = Predictor(signs=vector(1.0, -1.0)), Predictor(signs=vector(1.0, -1.0))
+    swing(whole, 14)
+    again.restore(whole.plain(), [k.q.copy() for k in whole.path])
+    for p in (whole, again):
+        V = np.sin(np.pi / 12 * 15)
+        assert p.predict(15 / 6, ("terminal.voltage", V)).array == pytest.approx([V**2, V])
+        assert p.known

@@ -13,9 +13,10 @@ import numpy as np
 
 from dealib.config.follow import crossed
 from dealib.config.schema import Config
-from dealib.device.records import MOUNT, TURN, not_held
+from dealib.device.records import MOUNT, TERMINAL, TURN, not_held
 from dealib.errors import ConfigError, ValueAt, anew, by_caller
 from dealib.fem.charging import Charging
+from dealib.fem.constraints import FIELDS
 from dealib.fem.films import field_normals
 from dealib.fem.inertia import Inertia
 from dealib.fem.layout import Layout
@@ -80,6 +81,7 @@ class Engine:
             config.solver.predictor_order,
             retrace=self.viscosity is None and not config.moves,
             memory=remembered(system.q.size),
+            signs=self._signs(),
         )
         self.leaps = Leaps(self.newton, self.layout)
         self.progress = ProgramState(drives=rest(self.problem.device))
@@ -87,6 +89,17 @@ class Engine:
         if self.problem.device.laminate is None:  # a mesh file does not give films a normal
             self.normals = field_normals(self.newton, self.layout)
             self.layout.add_normals(self.normals)
+
+    def _signs(self) -> Any:
+        """-1 for the unknowns that change sign with all voltages, 1 for the others (collective)."""
+        system, device = self.newton.system, self.problem.device
+        signs = system.q.duplicate()
+        signs.set(1.0)
+        signs.array[: len(system.map.field)][system.map.field == FIELDS.index("potential")] = -1.0
+        for port in device.of(TERMINAL):
+            system.map.set_port(signs, port.name, -1.0)
+        signs.assemble()
+        return signs
 
     @property
     def drives(self) -> list[Drive]:

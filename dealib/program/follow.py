@@ -110,7 +110,7 @@ class BranchFollower:
         ever parallel.
         """
         p, pair = self.position, self.pair
-        self.predictor.start()
+        self.predictor.start(("branch", p.length))
         self._system.residual(self._system.q, self._system.residual_vector)
         p.point, p.modes, p.step = pair.point(self._system), self._modes(), self._largest
         x, y = p.point

@@ -122,7 +122,7 @@ class Increments:
         q, clock = self.newton.system.q, self.clock
         smallest = 0.5**self.settings.max_cuts * targets[0]
         if clock.now == 0:
-            self.predictor.start()
+            self.predictor.start(apply(0.0))
         if self.watch is not None:
             self.watch.keep()
         kept = q.copy()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,6 +13,7 @@ _MOST, _LEAST = 64, 8  # states that are remembered for the way back
 _ROOM = 256e6  # bytes for remembered states; the least number may exceed it
 _CUBIC = 3  # order of the polynomial through two states and their rates
 _SMOOTH = 0.5  # largest error of a prediction over the step, on a smooth path
+_ODD = ("terminal", "terminals")  # first words of inputs that change sign with all voltages
 
 
 @dataclass
@@ -47,15 +48,17 @@ class Predictor:
 
     Between two corners of the input, Hermite's polynomial through the last states and their known
     rates is extrapolated. Its order is the one that would have predicted the last state best, or a
-    higher one if that was the highest possible. After a corner, states with the same inputs are
-    looked up: an elastic body that goes back along a smooth path returns through the same states.
-    Newton's method checks each guess, so that a guess can save iterations but not change a result.
-    A path is not retraced across a jump (snap-through).
+    higher one if that was the highest possible. Where the inputs turn, states with the same inputs
+    are looked up: an elastic body that goes back along a smooth path returns through the same
+    states. Its energy is even in the field, so that beyond 0 V it goes back through their images
+    with all voltages reversed. Newton's method checks each guess, so that a guess can save
+    iterations but not change a result. A path is not retraced across a jump (snap-through).
 
     Attributes:
         highest: Highest order of the polynomial; 0 always starts from the last state.
         retrace: Whether the body is elastic, so that a way back can lead through known states.
         memory: How many states are remembered (see `remembered`).
+        signs: Vector of what q is multiplied by where all voltages are reversed; None if unknown.
         path: Known states, oldest first.
         segment: Number of known states from the last corner on.
         back: Index in `path` of the state that the way back reached; None if not on a way back.
@@ -64,9 +67,11 @@ class Predictor:
     highest: int = 7
     retrace: bool = True
     memory: int = _MOST
+    signs: Any = None
     path: list[PathState] = field(default_factory=list)
     segment: int = 0
     back: int | None = None
+    _image: bool = False
     _returned: bool = False
     _order: int = 1
 
@@ -76,9 +81,9 @@ class Predictor:
         if self._returned:  # as smooth as on the way there
             known.smooth = self.path[(self.back or 0) + 1].smooth
         else:
-            best = self._judge(at, q)
-            known.smooth = best > 0
-            if self.segment == 2 and best > (self.path[-1].rate is not None):
+            good = self._judge(at, q)
+            known.smooth = bool(good)
+            if self.segment == 2 and max(good, default=0) > (self.path[-1].rate is not None):
                 self.path[-1].smooth = True  # the polynomial goes through the corner as well
         self._returned = False
         self.path.append(known)
@@ -89,16 +94,16 @@ class Predictor:
             self.path.pop(0)
             self.back = None if self.back is None else self.back - 1
 
-    def start(self) -> None:
-        """Begin a stage, whose time is 0 at the last state."""
+    def start(self, inputs: tuple[Any, ...]) -> None:
+        """Begin a stage, whose time is 0 at the last state, and its inputs are now called so."""
         self.corner()
         if self.path:
-            self.path[-1].at = 0.0
+            self.path[-1].at, self.path[-1].inputs = 0.0, inputs
 
     def corner(self) -> None:
         """The input changes direction at the last state."""
         self.segment, self._order = min(1, len(self.path)), 1
-        self.back = len(self.path) - 1 if self.path else None
+        self.back = None
         for known in self.path:
             known.rate = None
 
@@ -123,6 +128,7 @@ class Predictor:
         """Everything except states and rates, as plain values."""
         known = [[k.at, list(k.inputs), k.smooth] for k in self.path]
         rest = {"segment": self.segment, "back": self.back, "order": self._order}
+        rest["image"] = self._image
         rated = [i for i, k in enumerate(self.path, -len(self.path)) if k.rate is not None]
         return {"known": known, "rated": rated, **rest}
 
@@ -151,32 +157,51 @@ class Predictor:
             self.path[index].rate = rate
         back = plain["back"]
         self.back = None if back is None or back < lost else back - lost
+        self._image = plain.get("image", False)
 
     def _recall(self, inputs: tuple[Any, ...]) -> Any:
         """The state with the same inputs on the way there, if the path leads back to it."""
-        if not self.retrace or self.back is None or self.back < 1:
+        if not self.retrace:
             return None
-        if not self.path[self.back].smooth or not _equal(self.path[self.back - 1].inputs, inputs):
-            self.back = None
-            return None
-        self.back -= 1
-        self._returned = True
-        return self.path[self.back].q
+        for back, image in self._ways():
+            wanted = _reversed(inputs) if image else inputs
+            smooth = back >= 1 and self.path[back].smooth
+            if smooth and _equal(self.path[back - 1].inputs, wanted):
+                self.back, self._image, self._returned = back - 1, image, True
+                q = self.path[self.back].q
+                if image:
+                    q = q.copy()
+                    q.pointwiseMult(q, self.signs)
+                return q
+        self.back = None
+        return None
 
-    def _judge(self, at: float, q: Any) -> int:
-        """Choose the order that would have predicted a state best; returns it if it was good.
+    def _ways(self) -> Iterator[tuple[int, bool]]:
+        """Ways back: the state that each has reached, and whether it leads through images.
 
-        Otherwise it returns 0.
+        They are the one on which the path is, one that turns at the last state, and one that goes
+        through it at 0 V.
         """
+        if self.back is not None:
+            yield self.back, self._image
+        last = len(self.path) - 1
+        yield last, False
+        if self.signs is not None:
+            inputs = self.path[last].inputs
+            if _equal(inputs, _reversed(inputs)):
+                yield last, True
+
+    def _judge(self, at: float, q: Any) -> list[int]:
+        """Choose the order that would have predicted a state best; returns those that were good."""
         if not self.path:
-            return 0
+            return []
         errors = [_distance(self.path[-1].q, q)]
         for order in range(1, self._possible + 1):
             guess = self._extrapolate(at, order)
             errors.append(_distance(guess, q) if guess is not None else math.inf)
         best = errors.index(min(errors))
         self._order = max(best + 1, _CUBIC) if best == len(errors) - 1 else best
-        return best if errors[best] <= _SMOOTH * errors[0] else 0
+        return [k for k, e in enumerate(errors) if k and e <= _SMOOTH * errors[0]]
 
     @property
     def _possible(self) -> int:
@@ -220,8 +245,17 @@ def _distance(a: Any, b: Any) -> float:
     return float(difference.norm())
 
 
+def _reversed(inputs: tuple[Any, ...]) -> tuple[Any, ...]:
+    """The inputs, labels and values in turn, with all voltages and charges reversed."""
+    found: list[Any] = []
+    for label, value in zip(inputs[::2], inputs[1::2], strict=True):
+        found += [label, -value if label.split(".")[0] in _ODD else value]
+    return tuple(found)
+
+
 def _equal(a: tuple[Any, ...], b: tuple[Any, ...]) -> bool:
+    """Whether inputs are the same, but for the rounding of a wave that passes zero."""
     return len(a) == len(b) and all(
-        x == y or (isinstance(x, float) and math.isclose(x, y, rel_tol=1e-12, abs_tol=1e-15))
+        x == y or (isinstance(x, float) and math.isclose(x, y, rel_tol=1e-12, abs_tol=1e-14))
         for x, y in zip(a, b, strict=True)
     )
