@@ -129,6 +129,9 @@ def test_the_beam_bends_as_published_whatever_the_sign_of_the_voltage():
     assert peaks == pytest.approx([-12.2, -12.2], abs=READ * 12.2)
     assert peaks[0] == pytest.approx(peaks[1], rel=1e-6)
     assert h["tip_mm"].iloc[[6, 12]].to_numpy() == pytest.approx(0, abs=1e-6)
+    # it is elastic, and its energy even in the field: one quarter of a cycle gives all others
+    assert h["newton_iterations"].iloc[4:].sum() == 0
+    assert h["tip_mm"].iloc[12:].to_numpy() == pytest.approx(h["tip_mm"].iloc[:13], abs=1e-6)
 
 
 @pytest.mark.slow

@@ -79,7 +79,7 @@ class Engine:
         self.inertia = Inertia(self.problem, system.ports) if config.moves else None
         self.predictor = Predictor(
             config.solver.predictor_order,
-            retrace=self.viscosity is None and not config.moves,
+            retrace=self.viscosity is None and not config.moves and system.charging is None,
             memory=remembered(system.q.size),
             signs=self._signs(),
         )

@@ -56,7 +56,7 @@ class Predictor:
 
     Attributes:
         highest: Highest order of the polynomial; 0 always starts from the last state.
-        retrace: Whether the body is elastic, so that a way back can lead through known states.
+        retrace: Whether states depend on inputs alone, so that a way back leads through known ones.
         memory: How many states are remembered (see `remembered`).
         signs: Vector of what q is multiplied by where all voltages are reversed; None if unknown.
         path: Known states, oldest first.
