@@ -170,6 +170,7 @@ def test_the_mounted_state_is_relaxed():
     assert first["dissipated_energy_mJ"] == first["dissipated_power_mW"] == 0
 
 
+@pytest.mark.once
 def test_a_fresh_film_carries_the_prestretch_and_relaxes():
     """Its branches store G/2 (I1 - 3) at first, and dissipate it at rest."""
     film = {
@@ -190,6 +191,7 @@ def test_a_fresh_film_carries_the_prestretch_and_relaxes():
     assert lost == pytest.approx(energy.iloc[0] - energy.iloc[-1], rel=1e-3)
 
 
+@pytest.mark.once
 def test_wrinkling_of_a_fresh_film_counts_from_the_tension_with_its_branches():
     """At first nothing is lost; in the long run the branches' share G_i / (G + sum of G_i)."""
     film = {
@@ -212,6 +214,7 @@ def test_wrinkling_of_a_fresh_film_counts_from_the_tension_with_its_branches():
     assert relaxed.tension == pytest.approx((1.2**2 - 1.2**-4) / 3, rel=1e-5)
 
 
+@pytest.mark.once
 def test_without_branches_nothing_is_added():
     columns = set(history(**ELASTIC))
     assert set(history()) - columns == {"dissipated_energy_mJ", "dissipated_power_mW"}
@@ -231,6 +234,7 @@ def cycle(n: int, **changes: object) -> pd.DataFrame:
     return history(program=CYCLE.format(n=n, n2=2 * n), solver__tolerance=1e-12, **changes)
 
 
+@pytest.mark.once
 def test_energy_balance_closes_with_second_order():
     runs = [cycle(n, solver__time_tolerance=0) for n in (8, 16, 32)]
     left = [abs(h["energy_residual_mJ"].iloc[-1]) for h in runs]
@@ -299,6 +303,7 @@ def test_conditions_see_the_branches_of_the_present_state(column, limit, toleran
     assert last[column] == pytest.approx(value, rel=5e-3)
 
 
+@pytest.mark.once
 def test_a_look_ahead_leaves_no_trace():
     """A condition that is looked at in each step, but never met, changes nothing."""
     watched = history(stop_when="[{when: dissipated_energy_mJ > 1 J, bisect: 4}]")
@@ -332,6 +337,7 @@ def test_other_couplings_have_branches_too():
     assert other["dissipated_energy_mJ"].iloc[-1] > 0
 
 
+@pytest.mark.once
 @pytest.mark.mpi
 def test_two_ranks_agree(run, tmp_path):
     path = tmp_path / "viscous.yaml"
