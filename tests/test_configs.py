@@ -137,6 +137,7 @@ def test_biased_films(name, rest, full):
     assert h.loc[h["voltage_kV"].idxmax(), "displacement_mm"] == pytest.approx(full, abs=1e-4)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ("name", "volts"), [("pull_in", [4.39758]), ("snap_through", [2.53746, 1.48746])]
 )

@@ -174,7 +174,7 @@ def test_pull_in_with_electrodes_and_air():
     assert h["capacitance_pF"].iloc[11:].to_numpy() == pytest.approx(ratio.iloc[11:], rel=1e-9)
 
 
-@pytest.mark.parametrize("steps", [6, 7])
+@pytest.mark.parametrize("steps", [pytest.param(6, marks=pytest.mark.once), 7])
 def test_large_steps_find_the_limit_point_too(steps):
     """Before it Newton needs all its iterations, and states beyond lie far from those before."""
     program = (

@@ -366,7 +366,7 @@ def assert_same(resumed, run, within=1e-10):
     assert len(resumed.stored_steps) == len(resumed.history)
 
 
-@pytest.mark.parametrize("stop", [3, 10, 17])
+@pytest.mark.parametrize("stop", [3, *(pytest.param(k, marks=pytest.mark.once) for k in (10, 17))])
 def test_resume_goes_on_as_if_never_stopped(run, tmp_path, stop):
     with pytest.raises(KeyboardInterrupt):
         dealib.simulate(case(), tmp_path / "run", observers=[At(stop, KeyboardInterrupt())])
