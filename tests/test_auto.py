@@ -10,6 +10,7 @@ from dealib.design.slopes import known
 from dealib.errors import ConfigError
 from dealib.program.knots import TOLERANCE, Knots
 
+pytestmark = pytest.mark.once  # which states are solved, not how
 SMALL = CONFIGS.parent / "tests" / "small.yaml"
 STRIP = {"mesh__columns": 8, "mesh__film_rows": 1, "output__fields": "none"}
 FORCE = "[{{stage: preload, mount: {{force: -0.4 N}}, {0}}}, {{stage: hold, {0}}}," + (
@@ -18,8 +19,6 @@ FORCE = "[{{stage: preload, mount: {{force: -0.4 N}}, {0}}}, {{stage: hold, {0}}
 PUSH = (
     "[{{stage: push, mount: {{displacement: {1}}}, {0}}}, {{stage: actuate, terminal: {2}, {0}}}]"
 )
-
-pytestmark = pytest.mark.once  # which states are solved, not how
 RAMP, SMOOTH = "{voltage: 2.5 kV}", "{voltage: {to: 2 kV, rise: 0.8 s}}"
 KINKS = ("step", "time_s", "stage", "newton_iterations", "energy_residual_mJ", "solved")
 

@@ -168,6 +168,8 @@ def test_the_mounted_state_is_relaxed():
     for name in ("force_N", "elastic_energy_mJ", "capacitance_pF", "thickness_stretch_min"):
         assert first[name] == pytest.approx(elastic[name], rel=1e-9, abs=1e-12), name
     assert first["dissipated_energy_mJ"] == first["dissipated_power_mW"] == 0
+    fresh = history(materials__film__mounted="fresh", program="[{stage: rest}]").iloc[0]
+    assert fresh["elastic_energy_mJ"] > 1.1 * first["elastic_energy_mJ"]
 
 
 @pytest.mark.once
