@@ -16,6 +16,9 @@ stamp=.venv/.setup-done
 say() { printf 'setup: %s\n' "$*"; }
 fail() { printf 'setup: %s\n' "$*" >&2; exit 4; }
 
+exec 9<setup/setup.sh
+flock 9 || true # suites that begin together set up once
+
 wanted() { cat pyproject.toml setup/setup.sh setup/constraints.py; /usr/bin/python3 --version; pwd; }
 
 [ -x /usr/bin/python3 ] && [ -f "$stamp" ] && [ "$(wanted | cksum)" = "$(cat "$stamp")" ] && exit 0

@@ -10,6 +10,7 @@ from dealib.design.slopes import known
 from dealib.errors import ConfigError
 from dealib.program.knots import TOLERANCE, Knots
 
+pytestmark = pytest.mark.once  # which states are solved, not how
 SMALL = CONFIGS.parent / "tests" / "small.yaml"
 STRIP = {"mesh__columns": 8, "mesh__film_rows": 1, "output__fields": "none"}
 FORCE = "[{{stage: preload, mount: {{force: -0.4 N}}, {0}}}, {{stage: hold, {0}}}," + (

@@ -41,6 +41,7 @@ def sine(t, amplitude, phase):
     return amplitude * np.sin(4 / TAU * t + phase)
 
 
+@pytest.mark.once
 def test_it_is_a_transmission_line():
     """Z W / (Rs L) = coth(x) / x with x = sqrt(i omega tau): amplitude and phase of the charge."""
     omega = 4 / TAU
@@ -91,6 +92,7 @@ def test_a_step_charges_it_and_loses_half_of_the_energy():
     assert h["electrode_loss_mJ"].iloc[-1] == pytest.approx(stored, rel=5e-2)
 
 
+@pytest.mark.once
 def test_layers_conduct_as_faces_do():
     """A conducting layer has the sheet's resistance, whatever its thickness."""
     faces = step(1e-3)
@@ -116,6 +118,7 @@ def test_layers_conduct_as_faces_do():
     assert other == pytest.approx(one, rel=5e-3)
 
 
+@pytest.mark.once
 def test_three_dimensions_and_two_terminals_charge_alike():
     """A strip solved in its plane; the same with its width; and two of them on one ground."""
     stage = {"stage": "charge", "duration": f"{TAU} s", "steps": 6}

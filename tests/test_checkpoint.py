@@ -12,6 +12,7 @@ from dealib.errors import ConfigError
 from dealib.results.checkpoint import CheckpointFolder, history_sum
 from dealib.results.rows import Stream, Transferred
 
+pytestmark = pytest.mark.once  # files
 VISCOUS = CONFIGS.parent / "tests" / "viscous.yaml"
 
 

@@ -88,7 +88,14 @@ def test_deap100_force_control():
     )
 
 
-@pytest.mark.parametrize("name", ["deap75", "deap100_displacement", "deap200"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("deap75", marks=pytest.mark.once),
+        "deap100_displacement",
+        pytest.param("deap200", marks=pytest.mark.once),
+    ],
+)
 def test_displacement_control_blocks_the_stroke(name):
     h = history(name)
     held, full = h.loc[11], h.loc[21]
@@ -137,6 +144,7 @@ def test_biased_films(name, rest, full):
     assert h.loc[h["voltage_kV"].idxmax(), "displacement_mm"] == pytest.approx(full, abs=1e-4)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ("name", "volts"), [("pull_in", [4.39758]), ("snap_through", [2.53746, 1.48746])]
 )

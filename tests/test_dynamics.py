@@ -64,6 +64,7 @@ def test_free_flight():
     assert np.log2(np.array(errors[0]) / errors[1]) == pytest.approx([2, 2], abs=0.1)
 
 
+@pytest.mark.once
 def test_a_rigid_body_spins():
     """Several turns: the moment of inertia is that of the body, whatever way it has turned."""
     inertia, omega = 2e-8 * (10**2 + 0.4**2) / 12, 2 * np.pi * 5
@@ -114,6 +115,7 @@ def swing(steps: int, duration: str = "40 ms", **changes: object) -> pd.DataFram
     return h[h["stage"] == "move"].reset_index(drop=True)
 
 
+@pytest.mark.once
 def test_the_order_in_time_is_two():
     coarse, middle, fine = (swing(n)["displacement_mm"].to_numpy() for n in (50, 100, 200))
     errors = np.abs(coarse - middle[1::2]).max(), np.abs(middle - fine[1::2]).max()
@@ -170,7 +172,7 @@ def test_a_step_of_the_voltage_overshoots():
     assert moving["damped_energy_mJ"].iloc[-1] > 5 * np.ptp(moving["energy_residual_mJ"])
 
 
-@pytest.mark.parametrize("damping", ["mass", "stiffness"])
+@pytest.mark.parametrize("damping", [pytest.param("mass", marks=pytest.mark.once), "stiffness"])
 def test_rayleigh_damping(damping):
     """Decay a/2 by the mass, b omega^2 / 2 by the stiffness (its share that bends the film)."""
     free = vibration(small(solver__rho=1))
@@ -185,6 +187,7 @@ def test_rayleigh_damping(damping):
     assert left < 1e-2 * h["damped_energy_mJ"].iloc[-1]
 
 
+@pytest.mark.once
 def test_steps_follow_the_error():
     """Cut where the motion is fast, and grown again; the tolerance is what the error follows."""
     exact = swing(400)
@@ -207,6 +210,7 @@ def test_energy_over_2000_steps():
     assert 0 < h["numerical_dissipation_mJ"].iloc[-1] < 2e-2 * h["kinetic_energy_mJ"].max()
 
 
+@pytest.mark.once
 def test_branches_and_motion_together():
     """What the branches dissipate is lost to the motion, and the balance closes."""
     branches = "[{shear_modulus: 0.1 MPa, relaxation_time: 5 ms}]"

@@ -53,6 +53,7 @@ def test_the_whole_branch_of_a_block(rubber, peak, at):
     assert stretch == pytest.approx(at, abs=1e-5)
 
 
+@pytest.mark.once
 def test_both_limit_points_of_a_rubber_that_locks():
     """Gent: unstable between a largest and a smallest voltage, each solved to 1e-9."""
     kappa, rows = 1e3, list(follow_block(GENT, 1e3, 2.9, 40))
@@ -78,6 +79,7 @@ def limits(h):
     return h[h["limit_point"] == 1]
 
 
+@pytest.mark.once
 def test_snap_through_has_both_folds_of_the_chart():
     """At a fold the curve of the film at that voltage touches that of the bias."""
     h = history("snap_through")
@@ -108,6 +110,7 @@ def test_snap_through_has_both_folds_of_the_chart():
     assert h["bifurcation"].sum() == 0
 
 
+@pytest.mark.once
 def test_the_program_goes_on_from_the_end_of_a_branch():
     """The free variable stays where it is, then changes as told; back over the fold's voltage."""
     stages = [stage.model_dump(exclude_none=True) for stage in case("snap_through").config.program]
@@ -152,6 +155,7 @@ def test_resume_anywhere_on_a_branch(tmp_path):
 # --- pull-in -------------------------------------------------------------------------------------
 
 
+@pytest.mark.once
 def test_pull_in_with_electrodes_and_air():
     h = history("pull_in")
     (peak,) = (row for _, row in limits(h).iterrows())
@@ -170,7 +174,7 @@ def test_pull_in_with_electrodes_and_air():
     assert h["capacitance_pF"].iloc[11:].to_numpy() == pytest.approx(ratio.iloc[11:], rel=1e-9)
 
 
-@pytest.mark.parametrize("steps", [6, 7])
+@pytest.mark.parametrize("steps", [pytest.param(6, marks=pytest.mark.once), 7])
 def test_large_steps_find_the_limit_point_too(steps):
     """Before it Newton needs all its iterations, and states beyond lie far from those before."""
     program = (
@@ -198,6 +202,7 @@ def branch(text, steps=10):
     return f"[{WEIGHT}, {{stage: branch, follow: {text}, steps: {steps}}}]"
 
 
+@pytest.mark.once
 def test_pull_in_does_not_depend_on_the_way_there():
     """Along the displacement or the charge; the voltage alone stops short of it."""
     found = []
@@ -222,6 +227,7 @@ def test_pull_in_does_not_depend_on_the_way_there():
     assert 0.97 * volts < reached < volts
 
 
+@pytest.mark.once
 def test_stops_where_it_is_told():
     voltage = "{vary: voltage, along: displacement, until: {displacement: -5.4 mm, voltage: 2 kV}}"
     h = history("pull_in", program=branch(voltage), **NO_AIR)
@@ -264,6 +270,7 @@ def test_force_along_displacement_is_the_curve_of_displacement_control():
     assert h["force_N"].iloc[-1] == pytest.approx(pushed["force_N"].iloc[-1], rel=1e-8)
 
 
+@pytest.mark.once
 def test_a_flat_film_buckles_where_its_tension_is_gone():
     """A bifurcation, not a limit point: the flat state goes on, unstable in more and more ways."""
     text = "{vary: voltage, until: {charge: 0.7 uC}}"

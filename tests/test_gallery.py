@@ -90,6 +90,7 @@ def check_thin(
     assert 2 * thin - middle == pytest.approx(exact, rel=limit)
 
 
+@pytest.mark.once
 def test_the_gallery_is_complete_and_says_where_its_devices_are_used():
     paths = sorted((CONFIGS / "devices").glob("*.yaml"))
     assert {path.stem for path in paths} == DEVICES
@@ -102,6 +103,7 @@ def test_the_gallery_is_complete_and_says_where_its_devices_are_used():
 # --- films ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.once
 def test_expanding_circle():
     def edge(f: float) -> list[float]:
         volts = f"{5.48065 * f!r} kV"
@@ -120,6 +122,7 @@ def test_expanding_circle():
     assert centre - 1.5 == pytest.approx(state.stretch - 1.5, rel=1e-3)
 
 
+@pytest.mark.once
 def test_diaphragm_pump():
     """Open at a pressure, and closed at a volume, each under voltage."""
 
@@ -187,6 +190,7 @@ def test_annulus_with_chamber():
     assert (np.diff(closed["volume_mm3"]) != 0).all()
 
 
+@pytest.mark.once
 def test_segmented_annulus():
     """Both parts' capacitances as it is pushed, and the voltage that tells the motion."""
     parts = {"drive": (8.0, 13.0), "sense": (14.0, 20.0)}
@@ -222,6 +226,7 @@ def test_segmented_annulus():
     assert 1e-3 * (matrix * V).sum(axis=1) == pytest.approx(isolated["charge_uC.sense"], rel=1e-9)
 
 
+@pytest.mark.once
 def test_cone(tmp_path):
     """Preformed: no other reference has a film that is free of stress out of its plane."""
     draw = run_path(str(CONFIGS.parent / "meshes" / "make.py"))
@@ -244,6 +249,7 @@ def test_cone(tmp_path):
     check_thin(states, exact, 5e-3, 3e-4)
 
 
+@pytest.mark.once
 def test_the_cones_reference_obeys_its_potential():
     """-dPi/dV = Q and -dPi/dF = u, Pi = energy - C V^2/2 - F u."""
     device = cone.Cone(Film(neo_hooke(0.2), 0.05, 1.0, 2.8 * EPS0), 5.0, 15.0, 6.0)
@@ -314,6 +320,7 @@ def test_balloon():
 # --- alike everywhere, or along the length -------------------------------------------------------
 
 
+@pytest.mark.once
 def test_pure_shear_strip():
     """Exact but for its compressibility, whose effect is a power series in 1/kappa."""
     H0, W0, load = 0.222222 * 1.5**2, 100 / 1.5, 0.912209
@@ -411,6 +418,7 @@ def test_stack():
         assert h["capacitance_pF"].iloc[0] == pytest.approx(flat, rel=1e-9)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ("width", "er", "mesh", "excess"),
     [
@@ -445,6 +453,7 @@ def test_a_plane_capacitor_has_a_fringe_field(width, er, mesh, excess):
     assert exact > (1 + excess) * 1e3 * EPS0 * 10 * er * width
 
 
+@pytest.mark.once
 def test_the_meshes_are_what_their_script_writes(tmp_path):
     draw = run_path(str(CONFIGS.parent / "meshes" / "make.py"))
     for name in ("balloon", "cone"):
@@ -473,6 +482,7 @@ def test_two_ranks_give_the_same_history(name, tmp_path):
         assert other[column].to_numpy() == pytest.approx(one[column], abs=1e-9 * size), column
 
 
+@pytest.mark.once
 def test_info_says_what_voltage_does_to_a_chamber(tmp_path):
     """At a constant pressure its volume grows, at a constant volume its pressure falls."""
     run = dealib.simulate(case("devices/diaphragm_pump"), tmp_path / "run")
@@ -491,6 +501,7 @@ class Terminal(StringIO):
         return True
 
 
+@pytest.mark.once
 def test_the_bar_on_a_terminal_shows_the_ports_that_there_are(monkeypatch):
     shown = Terminal()
     monkeypatch.setattr(sys, "stdout", shown)

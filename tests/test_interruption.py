@@ -211,6 +211,7 @@ def test_killed_between_any_two_writes(tmp_path, whole, wanted, monkeypatch):
         assert resumed.stored_steps == expected
 
 
+@pytest.mark.once
 def test_killed_while_gathering(tmp_path, whole, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(store.shutil, "rmtree", lambda path: (path / "00003.h5").unlink())
@@ -351,6 +352,7 @@ def stopped(tmp_path):
     return tmp_path / "run"
 
 
+@pytest.mark.once
 def test_resume_refuses_other_physics_and_says_which(stopped):
     before = (stopped / HISTORY).read_bytes()
     changed = small(
@@ -385,6 +387,7 @@ def test_resume_refuses_another_mesh(stopped):
         dealib.simulate(small(), stopped, resume=True)
 
 
+@pytest.mark.once
 def test_resume_refuses_damage_and_what_goes_on_elsewhere(stopped, tmp_path):
     with pytest.raises(ConfigError, match="nothing to resume"):
         dealib.simulate(small(), tmp_path / "nowhere", resume=True)
@@ -401,6 +404,7 @@ def test_resume_refuses_damage_and_what_goes_on_elsewhere(stopped, tmp_path):
         dealib.simulate(small(), stopped, resume=True)
 
 
+@pytest.mark.once
 def test_a_killed_run_whose_process_number_lives_on_is_resumed(stopped, whole):
     info = dealib.open(stopped).info | {"status": "running", "pid": os.getppid()}
     (stopped / "run.json").write_text(json.dumps(info))
@@ -408,6 +412,7 @@ def test_a_killed_run_whose_process_number_lives_on_is_resumed(stopped, whole):
     assert_same_history(dealib.simulate(small(), stopped, resume=True), whole[0])
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("name", [HISTORY, "config.resolved.yaml"])
 def test_what_the_results_hold_too_is_taken_from_there(stopped, whole, name, caplog):
     (stopped / name).unlink()
@@ -417,6 +422,7 @@ def test_what_the_results_hold_too_is_taken_from_there(stopped, whole, name, cap
     assert (stopped / name).is_file()
 
 
+@pytest.mark.once
 def test_resume_says_what_a_damaged_run_lacks(stopped):
     (stopped / store.STATES).unlink()
     with pytest.raises(ConfigError, match=r"cannot resume, .*results.h5: missing") as caught:
@@ -433,6 +439,7 @@ def test_resume_says_what_a_damaged_run_lacks(stopped):
     assert (stopped / "mine.txt").read_text() == "kept"
 
 
+@pytest.mark.once
 def test_resume_of_a_finished_run_of_another_config_is_refused(whole):
     run, _ = whole
     before = (run.directory / HISTORY).read_bytes()
@@ -453,6 +460,7 @@ def test_resuming_a_finished_run_changes_nothing(whole, caplog):
 # --- disks that refuse ----------------------------------------------------------------------------
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("kilobytes", [1, 2, 8, 20])
 def test_a_limit_on_file_size_stops_it_cleanly(tmp_path, whole, kilobytes):
     directory = tmp_path / "run"
@@ -503,6 +511,7 @@ def test_a_full_disk_keeps_what_is_there(tmp_path, whole, ranks):
         subprocess.run(["umount", "-l", disk], check=True)
 
 
+@pytest.mark.once
 def test_history_is_cut_back_to_whole_lines(tmp_path, monkeypatch):
     history = store.HistoryFile(tmp_path)
     history.add({"step": 0, "x": 1.5})
@@ -532,6 +541,7 @@ def test_history_is_cut_back_to_whole_lines(tmp_path, monkeypatch):
     assert history.path.read_bytes() == before == b"step,x\n0,1.5\n"
 
 
+@pytest.mark.once
 def test_unwritable_places(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(PlatformError, match=r"cannot make .*: Not a directory"):
@@ -559,6 +569,7 @@ def test_log_and_record(whole, commit):
     assert 0 < info["timings"]["writing"] < info["timings"]["total"]
 
 
+@pytest.mark.once
 def test_a_busy_machine_keeps_the_commit(tmp_path, monkeypatch):
     if (expected := git_hash()) is None:
         pytest.skip("needs git and a checkout")
@@ -581,6 +592,7 @@ def test_quiet_unless_verbose(tmp_path):
     assert "of the stage, next" in loud.stderr
 
 
+@pytest.mark.once
 def test_versions_that_changed_are_a_warning(stopped, monkeypatch):
     now = program_run.versions()
     monkeypatch.setattr(program_run, "versions", lambda: now | {"gmsh": "5.0"})

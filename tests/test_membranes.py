@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from cffi import FFI
 from laminates import config, layer, rows, simulation
 from verification.references.annulus import Annulus, push
 from verification.references.laws import Film, neo_hooke, slope
@@ -53,6 +54,7 @@ def test_an_annulus_is_that_of_the_meridian_s_equations():
         assert found["capacitance_pF"] == pytest.approx(1e3 * wanted.capacitance, rel=2e-4)
 
 
+@pytest.mark.once
 def test_two_and_three_dimensions_agree():
     flat = ring()[-1]
     solid = {"geometry": {"space": "3d", "symmetry": ["X", "Y"]}, "mesh": {"sectors": 4}}
@@ -94,7 +96,7 @@ def pulled(voltage="0 kV", narrower="-1 mm"):
     ]
 
 
-@pytest.mark.parametrize("volts", [0.0, 2.0])
+@pytest.mark.parametrize("volts", [pytest.param(0.0, marks=pytest.mark.once), 2.0])
 def test_a_tension_field_has_the_natural_width(volts):
     """Pushed further it only wrinkles: no force across, along that of the natural width."""
     slack = 1e-5
@@ -133,6 +135,7 @@ def test_capacitances_of_several_areas_are_charges_over_voltages(wrinkling):
     assert end["capacitance_pF.a.b"] == pytest.approx(0, abs=1e-9)
 
 
+@pytest.mark.once
 def test_a_taut_film_bears_what_a_tension_field_does_not():
     start, *_, taut = square(pulled(narrower="-2 mm"))
     assert start["capacitance_pF"] == pytest.approx(1e3 * EPSILON_0 * EPS * 80 / 0.050, rel=1e-9)
@@ -141,6 +144,7 @@ def test_a_taut_film_bears_what_a_tension_field_does_not():
     assert "wrinkled_area_mm2" not in taut
 
 
+@pytest.mark.once
 def test_a_film_begins_to_wrinkle_at_its_voltage():
     """Held at 1.2 x 1.2 it is taut just below the voltage of the reference, wrinkled above."""
     begins = onset(neo_hooke(G), 1.2, 1.2, EPSILON_0 * EPS) * 0.050
@@ -156,6 +160,7 @@ def test_a_film_begins_to_wrinkle_at_its_voltage():
     assert areas["above"] == pytest.approx(80)
 
 
+@pytest.mark.once
 def test_slack_everywhere_it_has_the_stiffness_that_is_left():
     """Pressed both ways: springs of the share of the modulus that is left bear it."""
     slack = 0.01
@@ -250,6 +255,26 @@ def test_the_tangent_s_pattern_is_known_before_the_first_step(wrinkling):
     steps = [state.row for state in run]
     assert steps[-1]["charge_uC"] > 0
     assert run.engine.newton.system.matrix.getInfo()["mallocs"] == 0
+
+
+@pytest.mark.parametrize("wrinkling", ["taut", "tension_field"])
+def test_another_membrane_of_the_same_kind_compiles_nothing(monkeypatch, wrinkling):
+    """Its expressions have variables, whose numbers count up from one device to the next."""
+
+    def built(thickness):
+        physics = MEMBRANE | {"wrinkling": wrinkling}
+        given = {"physics": physics, "materials": {"film": RUBBER | {"prestretch": 1.15}}}
+        given["program"] = [{"stage": "on", "terminal": {"voltage": "0.1 kV"}}]
+        *_, row = rows(config("annulus", layer(thickness=thickness), **given))
+        assert row["charge_uC"] > 0
+
+    built("30 um")  # compiled here at the latest
+
+    def compile_called(*args, **kwargs):
+        raise AssertionError("compiled again")
+
+    monkeypatch.setattr(FFI, "compile", compile_called)
+    built("40 um")
 
 
 def test_a_flat_film_without_tension_bears_nothing_across():

@@ -131,6 +131,7 @@ def test_a_platform_on_an_annulus_moves_and_rocks():
 # --- solids --------------------------------------------------------------------------------------
 
 
+@pytest.mark.once
 def test_a_cantilever_of_two_layers():
     """Plane strain, L/h = 20: shear and rotary inertia lower the third mode."""
     layers = [
@@ -507,6 +508,7 @@ def test_what_it_refuses(small, tmp_path):
     assert "the run ended before the end of 'charge'" in str(stopped.exception)
 
 
+@pytest.mark.once
 def test_nothing_flows_through_openings_within_a_period():
     """So that frequencies do not depend on how long the step before was."""
     blow_up = {"stage": "blow up", "chamber": {"pressure": "1 kPa"}, "steps": 4}

@@ -169,6 +169,7 @@ def test_coordinates_may_have_another_unit(tmp_path):
             assert row[column] == pytest.approx(same[column], rel=1e-9, abs=1e-12)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("version", [4.1, 2.2])
 @pytest.mark.parametrize("kind", [*PLANE, *SOLID])
 def test_both_formats_hold_the_same_cells(tmp_path, kind, version):
@@ -219,6 +220,7 @@ def mesh_of(path, kind):
     return found, dim, next(key for key in found.elements if key[0] == dim)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("kind", [*PLANE, *SOLID])
 def test_a_crack_is_found(tmp_path, kind):
     """The cells of one part have nodes of their own where they meet the others."""
@@ -233,6 +235,7 @@ def test_a_crack_is_found(tmp_path, kind):
     assert sound.fault(cracked, dim).endswith("the cells there are not connected; merge the nodes")
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("kind", ["6-node triangles", "9-node quadrilaterals", "27-node hexahedra"])
 def test_a_node_beside_the_one_of_the_middle_is_a_crack_too(tmp_path, kind):
     mesh, dim, key = mesh_of(tmp_path / "m.msh", kind)
@@ -249,6 +252,7 @@ def test_a_node_beside_the_one_of_the_middle_is_a_crack_too(tmp_path, kind):
     )
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("kind", [k for k, (_, order, _) in (PLANE | SOLID).items() if order == 1])
 def test_a_folded_cell_is_found(tmp_path, kind):
     """One corner lies beyond the opposite side."""
@@ -261,6 +265,7 @@ def test_a_folded_cell_is_found(tmp_path, kind):
     assert told.startswith("cells overlap at (" if simplices else "the cell at ("), told
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     "kind", [k for k in PLANE | SOLID if k.startswith(("4-node q", "8-", "9", "2"))]
 )
@@ -272,6 +277,7 @@ def test_a_cell_of_which_two_corners_are_exchanged_is_found(tmp_path, kind):
     assert sound.fault(turned, dim).endswith(" mm is flat or folded")
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("kind", [*PLANE, *SOLID])
 def test_cells_may_be_numbered_either_way_round(tmp_path, kind):
     mesh, dim, _ = mesh_of(tmp_path / "m.msh", kind)
@@ -285,6 +291,7 @@ def inside(mesh, key):
     return nodes[counts.argmax()]
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("kind", [k for k, (_, order, _) in (PLANE | SOLID).items() if order == 2])
 def test_a_middle_that_is_not_between_its_ends_is_found(tmp_path, kind):
     """Curved sides are welcome, sides that turn back are not."""
@@ -303,6 +310,7 @@ def test_a_middle_that_is_not_between_its_ends_is_found(tmp_path, kind):
     assert sound.fault(replace(mesh, points=points), dim) == ""
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("kind", [*PLANE, *SOLID])
 def test_a_cell_that_is_there_twice_is_found(tmp_path, kind):
     mesh, dim, key = mesh_of(tmp_path / "m.msh", kind)

@@ -78,6 +78,7 @@ def of(row: Row, column: str, mount: str = "plate", about: str = "") -> Array:
 # --- closed forms --------------------------------------------------------------------------------
 
 
+@pytest.mark.once
 def test_a_square_shaft_twists_like_saint_venant_s():
     """M = G J theta / L with J = 0.140577 a^4; the clamps, which hinder warping, cancel out."""
     twist, compliance = np.radians(0.1), {}
@@ -233,6 +234,7 @@ def test_the_matrix_of_second_derivatives_is_symmetric(model):
     assert run.engine.newton.unstable_modes() == 0
 
 
+@pytest.mark.once
 def test_a_closed_cycle_over_all_ports_does_no_work():
     """And on each of its edges the work is what the potential gains, by Gauss's rule."""
     corners = [
@@ -261,6 +263,7 @@ def test_a_closed_cycle_over_all_ports_does_no_work():
     assert abs(sum(work)) < 1e-7 * size
 
 
+@pytest.mark.once
 def test_what_a_moment_drives_is_where_a_rotation_leads():
     """Values led and duals loaded are two ways to the same state."""
     (_, led) = rows(body([stage(POINT, steps=4)]))[::4]
@@ -408,6 +411,7 @@ def test_two_mounts_that_turn_together_turn_their_forces(model):
 # --- what goes on with it ------------------------------------------------------------------------
 
 
+@pytest.mark.once
 def test_a_run_goes_on_where_it_was_stopped(tmp_path):
     given = body([stage(POINT, steps=4)])
     case = Case(given, resolved(given), tmp_path)

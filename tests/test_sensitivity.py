@@ -219,6 +219,7 @@ def test_derivatives_equal_differences_of_whole_runs(kind):
             assert row["derivative"] == pytest.approx(expected[q], rel=1e-6, abs=least), (name, q)
 
 
+@pytest.mark.once
 def test_forces_scale_with_the_modulus_and_reciprocity_holds():
     table = dealib.sensitivities(dealib.load(SMALL), ['end(force_N, "push")'])
     slopes = table.set_index("key")["logarithmic"]
@@ -233,6 +234,7 @@ def test_forces_scale_with_the_modulus_and_reciprocity_holds():
     assert by_voltage == pytest.approx(-by_travel, rel=1e-7)  # both are the potential's
 
 
+@pytest.mark.once
 def test_the_stroke_is_that_of_dealib_info(tmp_path):
     changes = {"program.1.mount": "{force: -0.05 N}"}
     case = dealib.load(SMALL, set=changes)
@@ -244,6 +246,7 @@ def test_the_stroke_is_that_of_dealib_info(tmp_path):
     assert found.values['stroke("actuate")'] == pytest.approx(told.value, rel=1e-9)
 
 
+@pytest.mark.once
 def test_the_run_itself_is_not_disturbed():
     case = dealib.load(VISCOUS)
     plain = [state.row for state in dealib.Simulation(case)]
@@ -356,6 +359,7 @@ MISTAKES = [
 ]
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(("asked", "said"), MISTAKES)
 def test_mistakes_are_told(asked, said):
     with pytest.raises(dealib.ConfigError) as error:
@@ -363,6 +367,7 @@ def test_mistakes_are_told(asked, said):
     assert str(error.value).startswith(said)
 
 
+@pytest.mark.once
 def test_numbers_that_the_mesh_does_not_follow_are_told(tmp_path):
     case = dealib.load(CONFIGS / "devices" / "segmented_annulus.yaml", set={"mesh.columns": 8})
     where = "geometry.base.inner_radius"

@@ -134,6 +134,7 @@ def test_a_plate_wrinkles_at_its_voltage():
     assert np.abs(shapes[0, :, :2]).max() < 0.1  # upwards
 
 
+@pytest.mark.once
 def test_the_film_of_the_gallery():
     """In displacements, on a coarser mesh; its mode is a field of the last step."""
     rows = history("devices/wrinkling_film").to_dict("records")

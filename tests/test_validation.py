@@ -307,6 +307,7 @@ def test_all_definitions_are_whole_and_on_the_page():
     assert set(kinds) == {"analytical", "code", "measured"}
 
 
+@pytest.mark.once
 def test_quick_benchmarks_are_within_their_tolerances(table):
     assert set(table["benchmark"]) == set(QUICK)
     assert (table["verdict"] == "within").all(), table[table["verdict"] != "within"]

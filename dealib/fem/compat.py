@@ -55,6 +55,7 @@ import numpy.typing as npt  # noqa: E402
 import ufl  # noqa: E402
 from dolfinx import fem  # noqa: E402
 from dolfinx import mesh as _mesh  # noqa: E402
+from ufl.corealg.map_dag import map_expr_dag  # noqa: E402
 
 from dealib.errors import PlatformError  # noqa: E402
 from dealib.patience import patience  # noqa: E402
@@ -178,13 +179,21 @@ def _jit(comm: Any, kind: str) -> Iterator[dict[str, Any]]:
     folder = cache_folder() / kind
     options = {_JIT: {"cache_dir": str(folder), "timeout": 600}}
     logging.disable(logging.INFO)
+    _metadata.entry_points = _entry_points
     try:
         with patience(_COMPILING), _locked(folder) if comm.rank == 0 else nullcontext():
             yield options
     except OSError as error:
         raise PlatformError(f"cannot compile into {folder}: {error.strerror or error}") from None
     finally:
+        _metadata.entry_points = _find_entry_points
         logging.disable(logging.NOTSET)
+
+
+# setuptools asks for those of all packages six times a form: a tenth of the time that it takes
+_metadata: Any = importlib.metadata
+_find_entry_points = _metadata.entry_points
+_entry_points = functools.cache(_find_entry_points)
 
 
 @contextmanager
@@ -236,8 +245,24 @@ def form(expression: Any) -> Any:
         return fem.form(expression, **options)
 
 
+class _Numbered(ufl.corealg.multifunction.MultiFunction):
+    """Numbers the variables of an expression from zero."""
+
+    expr = ufl.corealg.multifunction.MultiFunction.reuse_if_untouched
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._known: dict[Any, Any] = {}
+
+    def label(self, label: Any) -> Any:
+        """Another label for each."""
+        return self._known.setdefault(label, ufl.classes.Label(len(self._known)))
+
+
 def expression(ufl_expression: Any, points: npt.NDArray[np.float64]) -> Any:
     """Compile an expression for evaluation at reference points (collective)."""
+    if not LEGACY:  # these versions of FFCx compile it anew for other numbers, which only count up
+        ufl_expression = map_expr_dag(_Numbered(), ufl_expression)
     comm = ufl.domain.extract_unique_domain(ufl_expression).ufl_cargo().comm
     size = int(np.prod(ufl_expression.ufl_shape, dtype=int))
     with _jit(comm, f"expressions-{size}-{len(points)}") as options:
