@@ -19,7 +19,7 @@ from dealib.device.gmsh_model import gmsh_model
 from dealib.fem.newton import Newton
 from dealib.fem.port_law import PortLaw
 from dealib.fem.problem import build_problem
-from dealib.fem.system import Timings
+from dealib.fem.timings import Timings
 
 HERE = Path(__file__).parent
 SMALL = {"mesh__columns": 16, "mesh__film_rows": 2}

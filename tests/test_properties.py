@@ -20,7 +20,7 @@ from dealib.fem.energies import Hyperelastic, IdealDielectric, MeshElasticity, P
 from dealib.fem.newton import Newton
 from dealib.fem.port_law import PortLaw
 from dealib.fem.problem import build_problem
-from dealib.fem.system import Timings
+from dealib.fem.timings import Timings
 from dealib.materials import LAWS, thickness_stretch
 from dealib.results import stress
 from dealib.units import DIMENSIONS, parse, write

@@ -13,7 +13,7 @@ import dealib
 from dealib.fem.newton import Newton
 from dealib.fem.port_law import PortLaw
 from dealib.fem.problem import build_problem
-from dealib.fem.system import Timings
+from dealib.fem.timings import Timings
 
 SMALL = {"mesh__columns": 16, "mesh__film_rows": 2}
 AIR = {**SMALL, "geometry__air_height": "6 mm"}

@@ -12,7 +12,8 @@ from dolfinx.fem import petsc as fem_petsc
 
 from dealib.fem.electrodes import build_map
 from dealib.fem.pattern import create_matrix
-from dealib.fem.system import System, Timings
+from dealib.fem.system import System
+from dealib.fem.timings import Timings
 
 
 def resolved(system: System) -> System:

@@ -29,6 +29,7 @@ FIELDS = ("displacement", "potential", "air mesh", "pressure")
 _FREE, _ZERO, _FIRST_PORT = 0, 1, 2
 _FIRST_RIGID = -1  # the first rigid mount; others are below
 
+Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
 
 
@@ -110,6 +111,12 @@ class ConstraintMap:
         """Set one port's entry of a reduced vector."""
         if self.comm.rank == 0:
             q.array[self.owned - len(self.ports) + list(self.ports).index(name)] = value
+
+    def summed(self, mine: Floats) -> Floats:
+        """Sum of arrays of all ranks (collective)."""
+        total = np.empty_like(mine)
+        self.comm.Allreduce(mine, total)
+        return total
 
     def numbers(self, field: str) -> Ints:
         """Global numbers of this rank's free unknowns of a field."""

@@ -23,7 +23,8 @@ from dealib.fem.linear import (
 )
 from dealib.fem.modes import Eigenmodes, averaged, lowest
 from dealib.fem.problem import Problem
-from dealib.fem.system import System, Timings
+from dealib.fem.system import System
+from dealib.fem.timings import Timings
 from dealib.fem.tolerances import Judge
 
 _OPTIONS: dict[str, Any] = {"snes_type": "newtonls", "snes_linesearch_type": "basic"}

@@ -30,7 +30,7 @@ from dealib.fem.groups import Group
 from dealib.fem.newton import Newton
 from dealib.fem.potential import Problem
 from dealib.fem.problem import EnergyTerms, groups_of, problem_on
-from dealib.fem.system import Timings
+from dealib.fem.timings import Timings
 from dealib.materials.law import Law
 from dealib.results.elements import Array
 

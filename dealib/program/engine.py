@@ -24,7 +24,7 @@ from dealib.fem.modes import Eigenmodes
 from dealib.fem.newton import Newton
 from dealib.fem.problem import build_problem
 from dealib.fem.rigid import unheld
-from dealib.fem.system import Timings
+from dealib.fem.timings import Timings
 from dealib.fem.viscous import Viscosity
 from dealib.program.flows import Flows
 from dealib.program.inputs import Drive, law, rest

@@ -11,7 +11,7 @@ from dealib.config.schema import Config
 from dealib.fem.newton import Newton
 from dealib.fem.port_law import PortLaw
 from dealib.fem.problem import Problem, build_problem
-from dealib.fem.system import Timings
+from dealib.fem.timings import Timings
 from dealib.program.increments import Increments
 from dealib.program.predictor import Predictor
 
