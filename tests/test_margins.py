@@ -17,7 +17,7 @@ import dealib
 from dealib.cli.app import app
 from dealib.errors import ConfigError
 from dealib.materials.response import stability_limit
-from dealib.observe.quantities import columns
+from dealib.observe.columns import columns
 from dealib.results import stress
 from dealib.results.elements import Cell
 from dealib.results.margins import fields

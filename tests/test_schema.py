@@ -18,7 +18,8 @@ from dealib.cli.app import app
 from dealib.config.reference import MODELINE, json_text, reference
 from dealib.config.templates import TEMPLATES
 from dealib.design.schema import Design
-from dealib.observe.quantities import QUANTITIES, columns
+from dealib.observe.columns import columns
+from dealib.observe.quantities import QUANTITIES
 from dealib.observe.reference import MEANINGS
 from dealib.observe.reference import page as page_of_columns
 from dealib.study.expressions import COMMON, KINDS, OF_A_CASE, OF_ALL_CASES

@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeAlias
 from pydantic import BeforeValidator, Field, field_validator
 
 from dealib.errors import ValueAt, did_you_mean
-from dealib.observe.quantities import columns
+from dealib.observe.columns import columns
 from dealib.section import Section
 from dealib.units import factor, split
 

@@ -102,7 +102,7 @@ class System:
         """Euclidean norm of a reduced vector by field, without the ports."""
         mine = vector.array_r[: len(self.map.field)]
         sums = np.bincount(self.map.field, weights=mine**2, minlength=len(FIELDS))
-        return np.asarray(np.sqrt(self.map.summed(sums)))
+        return np.sqrt(self.map.summed(sums.astype(float)))
 
     # --- tangent ---------------------------------------------------------------------------------
 

@@ -12,30 +12,11 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from dealib.device.device import Device
 from dealib.device.records import CHAMBER, KINDS, MOUNT, TERMINAL, TURN, Port, PortKind
-from dealib.errors import ValueAt
-from dealib.materials.laws import LAWS
-from dealib.materials.response import softens
-from dealib.observe.local_quantities import local_quantities
+from dealib.observe import needs
+from dealib.observe.needs import ALWAYS, Need
 
 Snapshot: TypeAlias = Any  # `fem.snapshot.Snapshot`, which this module must not import
-
-
-@dataclass(frozen=True)
-class Need:
-    """A condition on the config for a quantity to be recorded.
-
-    Attributes:
-        text: The condition in words.
-        has: Whether a config meets it.
-    """
-
-    text: str
-    has: Callable[[Any], bool]
-
-
-ALWAYS = Need("", lambda config: True)
 
 
 @dataclass(frozen=True)
@@ -62,85 +43,6 @@ class Quantity:
     kind: PortKind | None = None
     pairs: bool = False
     extreme: bool = False
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column of one device.
-
-    Attributes:
-        name: In the history.
-        quantity: Its quantity.
-        ports: Its port, or pair of ports.
-        probe: Whether a probe of the config measures it.
-    """
-
-    name: str
-    quantity: Quantity
-    ports: tuple[Port, ...] = ()
-    probe: bool = False
-
-    @property
-    def unit(self) -> str:
-        """Its unit."""
-        return self.quantity.unit
-
-    @property
-    def label(self) -> str:
-        """Name in pictures and tables, such as 'displacement of plate'."""
-        names = dict.fromkeys(port.name for port in self.ports if port.suffix)
-        return f"{self.quantity.label} of {' and '.join(names)}" if names else self.quantity.label
-
-    def measure(self, s: Snapshot) -> float:
-        """Its value in a state (collective)."""
-        assert self.quantity.measure is not None
-        return self.quantity.measure(s, *self.ports)
-
-
-# --- conditions on the config --------------------------------------------------------------------
-
-
-def _films(config: Any) -> list[Any]:
-    return [m for name, m in config.solids.items() if not config.conducts(name)]
-
-
-_STRENGTH = Need("limits.breakdown_strength", lambda c: c.limits.breakdown is not None)
-_WEIBULL = Need("limits.weibull", lambda c: c.limits.weibull is not None)
-_STRETCH = Need("limits.stretch_max", lambda c: c.limits.stretch_max is not None)
-_SOFTENING = Need(
-    "a film that can lose its stiffness, such as mooney_rivlin with c01 below 0",
-    lambda c: any(softens(film) for film in _films(c)),
-)
-_LOCKING = Need(
-    f"a film whose law locks: {' or '.join(n for n, law in LAWS.items() if law.locks)}",
-    lambda c: any(film.locks for film in _films(c)),
-)
-_DIFFERENTIAL = Need("sensing.differential: true", lambda c: c.sensing.differential)
-_LADDER = Need(
-    "sensing.sheet_resistance, of a laminate in two dimensions with one terminal",
-    lambda c: c.sensing.sheet_resistance is not None and c.device.ladder,
-)
-_BRANCHES = Need(
-    "Maxwell branches, such as materials.film.branches",
-    lambda c: any(law.branches for law in c.solids.values()),
-)
-_MEMORY = Need(
-    "a material with branches, mullins or permanent_set",
-    lambda c: any(law.memory for law in c.solids.values()),
-)
-_TENSION_FIELD = Need(
-    "physics.wrinkling: tension_field", lambda c: c.physics.wrinkling == "tension_field"
-)
-_TAUT = Need("physics.wrinkling: taut", lambda c: c.physics.wrinkling == "taut")
-_MOVES = Need("a stage with dynamic: true", lambda c: c.moves)
-_DAMPED = Need(
-    f"{_MOVES.text}, and damping", lambda c: c.moves and (c.damping.mass or c.damping.stiffness)
-)
-_CHARGING = Need("sensing.charging: true", lambda c: c.sensing.charging)
-_FOLLOW = Need("a stage with follow", lambda c: any(s.follow is not None for s in c.program))
-_AUTO = Need("a stage with steps: auto", lambda c: any(s.auto for s in c.program))
-_WATCHED = Need("output.modes above 0", lambda c: c.output.modes > 0)
-_COUNTED = Need(f"{_WATCHED.text}, or {_FOLLOW.text}", lambda c: _WATCHED.has(c) or _FOLLOW.has(c))
 
 
 # --- measures ------------------------------------------------------------------------------------
@@ -217,6 +119,10 @@ def _power(s: Snapshot) -> float:
     return 0.0 if s.viscosity is None else float(s.viscosity.power)
 
 
+def _velocity(s: Snapshot, port: Port) -> float:
+    return float(s.inertia.velocity(port.name) * port.kind.primal.factor)
+
+
 def _softest(s: Snapshot) -> float:
     return float(s.modes.values[0])
 
@@ -247,12 +153,12 @@ QUANTITIES: tuple[Quantity, ...] = (
         extreme=True,
     ),
     Q("tension_min_MPa", "MPa", "smallest tension", _tension, extreme=True),
-    Q("breakdown_use", "", "breakdown", _breakdown, _STRENGTH, extreme=True),
-    Q("failure_probability", "", "probability of breakdown", _failure, _WEIBULL),
+    Q("breakdown_use", "", "breakdown", _breakdown, needs.STRENGTH, extreme=True),
+    Q("failure_probability", "", "probability of breakdown", _failure, needs.WEIBULL),
     Q(
         *("wrinkling_use", "", "wrinkling"),
         lambda s: s.peak("wrinkling_use", lambda f: f.film.wrinkling(f.tensions)),
-        _TAUT,
+        needs.TAUT,
         extreme=True,
     ),
     Q(
@@ -260,53 +166,45 @@ QUANTITIES: tuple[Quantity, ...] = (
         lambda s: s.peak("pull_in_use", lambda f: f.film.pull_in(f.k)),
         extreme=True,
     ),
-    Q("stability_use", "", "material stability", _softening, _SOFTENING, extreme=True),
-    Q("stretch_use", "", "stretch", _stretch, _STRETCH, extreme=True),
-    Q("locking_use", "", "locking", _locking, _LOCKING, extreme=True),
+    Q("stability_use", "", "material stability", _softening, needs.SOFTENING, extreme=True),
+    Q("stretch_use", "", "stretch", _stretch, needs.STRETCH, extreme=True),
+    Q("locking_use", "", "locking", _locking, needs.LOCKING, extreme=True),
     Q(
         *("differential_capacitance_pF", "pF", "differential capacitance"),
         lambda s, port: 1e3 * s.slope(port, blocked=False),
-        *(_DIFFERENTIAL, TERMINAL),
+        *(needs.DIFFERENTIAL, TERMINAL),
     ),
     Q(
         *("blocked_capacitance_pF", "pF", "blocked capacitance"),
         lambda s, port: 1e3 * s.slope(port, blocked=True),
-        *(_DIFFERENTIAL, TERMINAL),
+        *(needs.DIFFERENTIAL, TERMINAL),
     ),
     Q(
         *("mount_stiffness_N_per_mm", "N/mm", "stiffness at the mount"),
         lambda s, port: s.slope(port, blocked=True),
-        *(_DIFFERENTIAL, MOUNT),
+        *(needs.DIFFERENTIAL, MOUNT),
     ),
-    Q("electrode_resistance_kohm", "kohm", "electrode resistance", _resistance, _LADDER),
-    Q("rc_time_us", "us", "charging time constant", _time_constant, _LADDER),
-    Q("dissipated_energy_mJ", "mJ", "dissipated energy", _dissipated, _MEMORY),
-    Q("dissipated_power_mW", "mW", "dissipated power", _power, _BRANCHES),
+    Q("electrode_resistance_kohm", "kohm", "electrode resistance", _resistance, needs.LADDER),
+    Q("rc_time_us", "us", "charging time constant", _time_constant, needs.LADDER),
+    Q("dissipated_energy_mJ", "mJ", "dissipated energy", _dissipated, needs.MEMORY),
+    Q("dissipated_power_mW", "mW", "dissipated power", _power, needs.BRANCHES),
     Q(
         *("electrode_loss_mJ", "mJ", "energy lost in the electrodes"),
         lambda s: s.newton.system.charging.lost,
-        _CHARGING,
+        needs.CHARGING,
     ),
-    Q("kinetic_energy_mJ", "mJ", "kinetic energy", lambda s: s.inertia.kinetic, _MOVES),
-    Q("damped_energy_mJ", "mJ", "damped energy", lambda s: s.inertia.damped, _DAMPED),
+    Q("kinetic_energy_mJ", "mJ", "kinetic energy", lambda s: s.inertia.kinetic, needs.MOVES),
+    Q("damped_energy_mJ", "mJ", "damped energy", lambda s: s.inertia.damped, needs.DAMPED),
     Q(
         *("numerical_dissipation_mJ", "mJ", "numerical dissipation"),
         lambda s: s.inertia.numerical,
-        _MOVES,
+        needs.MOVES,
     ),
-    *(
-        Q(
-            name,
-            unit,
-            label,
-            lambda s, port: s.inertia.velocity(port.name) * port.kind.primal.factor,
-            _MOVES,
-            kind,
-        )
-        for name, unit, label, kind in (
-            ("velocity_mm_per_s", "mm/s", "velocity", MOUNT),
-            ("angular_velocity_deg_per_s", "deg/s", "angular velocity", TURN),
-        )
+    Q("velocity_mm_per_s", "mm/s", "velocity", _velocity, needs.MOVES, MOUNT),
+    Q(
+        *("angular_velocity_deg_per_s", "deg/s", "angular velocity"),
+        _velocity,
+        *(needs.MOVES, TURN),
     ),
     *(
         Q(f"{kind.name}_work_mJ", "mJ", f"work of the {kind.name}", kind=kind)
@@ -315,60 +213,12 @@ QUANTITIES: tuple[Quantity, ...] = (
     Q(
         *("wrinkled_area_mm2", "mm2", "wrinkled area as mounted"),
         lambda s: s.newton.system.problem.wrinkled_area(),
-        _TENSION_FIELD,
+        needs.TENSION_FIELD,
     ),
     Q("energy_residual_mJ", "mJ", "energy residual"),
-    Q("softest_mode_N_per_mm", "N/mm", "stiffness of the softest mode", _softest, _WATCHED),
-    Q("unstable_modes", "", "unstable modes", needs=_COUNTED),
-    Q("limit_point", "", "limit point", needs=_FOLLOW),
-    Q("bifurcation", "", "bifurcation", needs=_FOLLOW),
-    Q("solved", "", "solved state", needs=_AUTO),
+    Q("softest_mode_N_per_mm", "N/mm", "stiffness of the softest mode", _softest, needs.WATCHED),
+    Q("unstable_modes", "", "unstable modes", needs=needs.COUNTED),
+    Q("limit_point", "", "limit point", needs=needs.FOLLOW),
+    Q("bifurcation", "", "bifurcation", needs=needs.FOLLOW),
+    Q("solved", "", "solved state", needs=needs.AUTO),
 )
-
-
-def columns(config: Any) -> dict[str, Column]:
-    """All columns that the history of a config's device can have, in order."""
-    found = [c for quantity in QUANTITIES for c in _columns(quantity, config.device)]
-    for opening in (name for port in config.device.of(CHAMBER) for name, _ in port.openings):
-        told = f"inflow through {opening}"
-        quantity = Quantity(
-            f"inflow_mm3.{opening}", "mm3", told, lambda s, name=opening: s.through.get(name, 0.0)
-        )
-        found.append(Column(quantity.name, quantity))
-    known = local_quantities(config.device.kinematics)
-    for name, probe in (config.probes or {}).items():
-        of = known[probe.measured]
-        unit, suffix = of.unit, of.suffix
-        if probe.take == "integral":
-            unit, suffix = "", ""
-        extreme = probe.on is not None and probe.take in ("max", "min")
-        measure = lambda s, name=name: s.probe(name)  # noqa: E731
-        quantity = Quantity(name + suffix, unit, name, measure, extreme=extreme)
-        if any(quantity.name == column.name for column in found):
-            problem = f"the history has a column {quantity.name} already; choose another name"
-            raise ValueAt(("probes", name), problem)
-        found.append(Column(quantity.name, quantity, probe=True))
-    return {column.name: column for column in found}
-
-
-def _columns(quantity: Quantity, device: Device) -> Iterator[Column]:
-    if quantity.kind is None:
-        yield Column(quantity.name, quantity)
-        return
-    ports = device.of(quantity.kind)
-    if quantity.pairs and len(ports) > 1:
-        for a in ports:
-            for b in ports:
-                yield Column(f"{quantity.name}.{a.name}.{b.name}", quantity, (a, b))
-        return
-    for port in ports:
-        yield Column(quantity.name + port.suffix, quantity, (port,))
-
-
-def measured(config: Any) -> list[Column]:
-    """Columns that are measured in each state of a run."""
-    return [
-        column
-        for column in columns(config).values()
-        if column.quantity.measure is not None and column.quantity.needs.has(config)
-    ]

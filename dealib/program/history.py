@@ -16,7 +16,7 @@ from dealib.errors import ConfigError
 from dealib.fem.films import FilmPoints
 from dealib.fem.probes import Probes
 from dealib.fem.snapshot import Extremum, Snapshot
-from dealib.observe.quantities import columns, measured
+from dealib.observe.columns import columns, measured
 from dealib.program.bias import ReachWatch
 from dealib.program.engine import Engine
 from dealib.program.margins import keep

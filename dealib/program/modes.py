@@ -14,7 +14,7 @@ from dealib.config.stop import StopWhen
 from dealib.errors import ConfigError, did_you_mean
 from dealib.fem.modes import Eigenmodes
 from dealib.fem.vibrations import MORE, Vibrations, vibrations
-from dealib.observe.quantities import columns
+from dealib.observe.columns import columns
 from dealib.program.engine import Engine
 from dealib.program.history import State
 

@@ -17,7 +17,7 @@ from dealib.device.laminate import Laminate
 from dealib.device.records import TERMINAL, Port
 from dealib.device.shapes import LaminateShape
 from dealib.errors import ConfigError
-from dealib.observe.quantities import Column, columns
+from dealib.observe.columns import Column, columns
 from dealib.results.critical import critical_points
 from dealib.results.cycles import cycles
 from dealib.results.reader import Run

@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any
 
 from dealib.errors import ConfigError, PlatformError
-from dealib.observe.quantities import columns
+from dealib.observe.columns import columns
 from dealib.plots import style
 from dealib.plots.curves import curves, overview
 from dealib.plots.labels import label, plain, split

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from dealib.device.records import MOUNT, TERMINAL
-from dealib.observe.quantities import columns
+from dealib.observe.columns import columns
 from dealib.results import stages
 from dealib.results.reader import Run
 

@@ -103,7 +103,7 @@ class Run:
     @cached_property
     def _columns(self) -> list[str]:
         """Columns that the device can have; empty if its config is damaged."""
-        from dealib.observe.quantities import columns
+        from dealib.observe.columns import columns
 
         try:
             return list(columns(self.config))

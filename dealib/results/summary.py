@@ -10,7 +10,7 @@ import numpy as np
 
 from dealib.device.records import CHAMBER, MOUNT, TERMINAL, TURN
 from dealib.errors import ConfigError
-from dealib.observe.quantities import columns
+from dealib.observe.columns import columns
 from dealib.results import stages
 from dealib.units import neat
 

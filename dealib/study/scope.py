@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from dealib.config.schema import Config
 from dealib.device.kinematics import AXISYMMETRIC
 from dealib.errors import did_you_mean
-from dealib.observe import quantities
+from dealib.observe import columns as history
 from dealib.results.quantities import quantities as local_fields
 from dealib.study import sample
 from dealib.study.expressions import OF_A_CASE, OF_A_HISTORY, OF_ALL_CASES, Expression, Signature
@@ -137,7 +137,7 @@ def traced(column: str) -> bool:
 
 def of_the_state(config: Config) -> list[str]:
     """Columns of a config's history that are functions of the state alone."""
-    found = (column.name for column in quantities.measured(config))
+    found = (column.name for column in history.measured(config))
     return [name for name in found if name not in ("newton_iterations", "step")]
 
 
@@ -152,7 +152,7 @@ def of_history(text: str, config: Config, others: Iterable[str] = ()) -> Express
     Raises:
         ValueError: If it uses an unknown name, function, stage or key.
     """
-    there = [name for name in quantities.columns(config) if traced(name)]
+    there = [name for name in history.columns(config) if traced(name)]
     there = [*others, "time_s", *of_the_state(config), *there]
     found = Expression(text, OF_A_HISTORY)
     for name in sorted(found.names - {*there}):
@@ -168,7 +168,7 @@ def columns(work: Work) -> list[str]:
     """Names that an expression over one case may use."""
     if not isinstance(work, Config):
         return ["stretch", "strain", "stress_MPa"]
-    return list(quantities.columns(work))
+    return list(history.columns(work))
 
 
 def stages(work: Work) -> list[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from dealib.device.records import CHAMBER, MOUNT, TURN
 from dealib.errors import ConfigError, by_caller
-from dealib.observe.quantities import Column, columns
+from dealib.observe.columns import Column, columns
 from dealib.results.critical import critical_points
 from dealib.results.cycles import cycles
 from dealib.results.reader import Run
