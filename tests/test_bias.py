@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import dealib
 from dealib.cli.app import app
 from dealib.config.bias import Bistable, Sampled, SecondFilm, Spring, Table, second_device
-from dealib.config.program import MountInput
+from dealib.config.inputs import MountInput
 from dealib.device.records import MOUNT, Port
 from dealib.errors import ConfigError
 from dealib.program.bias_chart import chart

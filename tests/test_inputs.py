@@ -2,7 +2,8 @@
 
 import pytest
 
-from dealib.config.program import MountInput, Stage, TerminalInput
+from dealib.config.inputs import MountInput, TerminalInput
+from dealib.config.program import Stage
 from dealib.device.records import MOUNT, TERMINAL, Port
 from dealib.program.inputs import Drive, drives, milestones
 

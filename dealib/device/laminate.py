@@ -12,9 +12,10 @@ import numpy as np
 from dealib.device.bases import Base
 from dealib.device.grading import Array
 from dealib.device.grid import AIR_BOTTOM, AIR_END, AIR_START, AIR_TOP, Line
-from dealib.device.kinematics import SOLID, Kinematics, SheetKinematics
+from dealib.device.kinematics import SOLID, Kinematics
 from dealib.device.part import Part, Span
 from dealib.device.records import Region, Sizes, Support, air
+from dealib.device.sheet_kinematics import SheetKinematics
 
 MOUNT_BLOCK, FRAME_BLOCK = "mount_block", "frame_block"
 AXIS = "axis"

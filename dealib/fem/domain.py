@@ -18,9 +18,9 @@ from dealib.config.schema import Config
 from dealib.device.device import Device
 from dealib.device.gmsh_model import gmsh_model
 from dealib.device.gmsh_model import save as write_mesh
-from dealib.device.kinematics import SheetKinematics
 from dealib.device.laminate import JOIN
 from dealib.device.records import Sizes
+from dealib.device.sheet_kinematics import SheetKinematics
 from dealib.errors import ConfigError, DealibError
 from dealib.fem import compat
 from dealib.fem.energies import constant

@@ -11,7 +11,8 @@ import numpy as np
 
 from dealib.config.bias import Bistable, Sampled, Table
 from dealib.config.case import Case
-from dealib.config.program import MountInput, Stage, TerminalInput
+from dealib.config.inputs import MountInput, TerminalInput
+from dealib.config.program import Stage
 from dealib.config.wave import reach as reach_of
 from dealib.device.records import MOUNT, TERMINAL
 from dealib.errors import ConfigError, NotConverged, by_caller

@@ -11,7 +11,8 @@ import numpy as np
 
 from dealib.config.bias import BiasElement, Element, SecondFilm
 from dealib.config.chamber import Filled, Gas
-from dealib.config.program import ChamberInput, Course, Input, MountInput, Stage, elements
+from dealib.config.inputs import ChamberInput, Course, Input, MountInput, elements
+from dealib.config.program import Stage
 from dealib.config.wave import Wave
 from dealib.device.device import Device
 from dealib.device.records import Port, PortKind

@@ -8,7 +8,7 @@ from mpi4py import MPI
 
 import numpy as np
 
-from dealib.device.kinematics import SheetKinematics
+from dealib.device.sheet_kinematics import SheetKinematics
 from dealib.errors import NotConverged
 from dealib.fem.layout import Layout
 from dealib.fem.newton import Newton

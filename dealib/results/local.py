@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from dealib.config.schema import Config
-from dealib.device.kinematics import Kinematics, SheetKinematics
+from dealib.device.kinematics import Kinematics
+from dealib.device.sheet_kinematics import SheetKinematics
 from dealib.materials import thickness_stretch
 from dealib.materials.wrinkling import crests, extended
 from dealib.results.elements import Array, Cell, determinant, gradients, inverse, inverted

@@ -6,7 +6,7 @@ from itertools import accumulate
 
 import numpy as np
 
-from dealib.device.kinematics import SheetKinematics
+from dealib.device.sheet_kinematics import SheetKinematics
 from dealib.results.elements import Array, Cell, determinant, gradients
 from dealib.results.mesh import Ints, ResultMesh
 from dealib.results.reader import Run
