@@ -15,7 +15,7 @@ from mpi4py import MPI
 import numpy as np
 
 import dealib
-from dealib.fem import compat, layout
+from dealib.fem import compat
 from dealib.fem.viscous import Viscosity
 from dealib.program import Simulation, State, simulate
 from dealib.results import rows
@@ -101,7 +101,7 @@ class End:
 
 
 if __name__ == "__main__":
-    layout._PIECE = rows.ROOM = 4096  # what small meshes have comes in several pieces, too
+    rows.ROOM = 4096  # what small meshes have comes in several pieces, too
     for config in map(Path, sys.argv[2:]):
         directory, ends = Path(sys.argv[1]) / config.stem, ENDS.get(config.stem)
         given, watch = dealib.load(config), [Split(directory)]

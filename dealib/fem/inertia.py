@@ -1,22 +1,13 @@
-"""Motion in time by the generalised alpha method: velocities, accelerations, forces of inertia.
+"""Motion in time: forces of inertia and damping, their energies, and the steps of `fem.generalised_alpha`.
 
-J. Chung and G. M. Hulbert, J. Appl. Mech. 60 (1993) 371, in the form of M. Arnold and O. Bruels,
-Multibody Syst. Dyn. 18 (2007) 185. All equations hold at the end of a step, those of motion with
-the true acceleration r there. (Averaged over the step, they would let potentials, pressures and
-ports oscillate from step to step.) Displacement u, velocity v and auxiliary acceleration a follow
-
-    (1 - am) a' + am a = (1 - af) r' + af r,
-    u' = u + h v + h^2 ((1/2 - beta) a + beta a'),  v' = v + h ((1 - gamma) a + gamma a').
-
-So r' = k (u' - u*), with k and u* fixed at the start of the step. Inertia has the potential
-k/2 (u' - u*) . M (u' - u*) over the step, and the tangent stays symmetric.
+Inertia has the potential k/2 (u' - u*) . M (u' - u*) over a step from u to u', with k and u* fixed
+at its start, so that the tangent stays symmetric.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from typing import Any
 
 from petsc4py import PETSc
@@ -25,33 +16,12 @@ import numpy as np
 import numpy.typing as npt
 from dolfinx.fem import petsc as fem_petsc
 
+from dealib.fem.generalised_alpha import GeneralisedAlpha, Rates
 from dealib.fem.layout import Layout
 from dealib.fem.potential import Problem
 
 Array = npt.NDArray[np.float64]
 _TONNES = 1e-3  # of a kg
-
-
-@dataclass(frozen=True)
-class Rates:
-    """A state in motion: arrays of this rank's degrees of freedom and the values of all ports.
-
-    Attributes:
-        u: Displacement, mm.
-        v: Velocity, mm/s.
-        a: Auxiliary acceleration, mm/s^2.
-        r: True acceleration, mm/s^2.
-    """
-
-    u: Array
-    v: Array
-    a: Array
-    r: Array
-
-    @classmethod
-    def rest(cls, u: Array) -> Rates:
-        """At rest, in equilibrium."""
-        return cls(u, *np.zeros((3, *u.shape)))
 
 
 class Inertia:
@@ -72,13 +42,10 @@ class Inertia:
         config, self._laws = problem.config, laws
         self._problem, self._map = problem, problem.constraints
         self._mass_rate, self.stiffness_time = config.damping.mass, config.damping.stiffness
-        rho = config.solver.rho
-        am, af = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
-        self._am, self._af = am, af
-        self._beta, self._gamma = (1 - am + af) ** 2 / 4, 0.5 - am + af
+        self._alpha = GeneralisedAlpha(config.solver.rho)
         self._own = {port.name: _TONNES * port.mass for port in problem.device.ports}
         self._ports = list(self._map.ports)
-        self._step, self._least = 0.0, problem.domain.sizes.thickness
+        self._least = problem.domain.sizes.thickness
         self.now = Rates.rest(self._position(dict.fromkeys(self._ports, 0.0)))
         self._start, self._largest = self.now.u, 0.0
         self.damped = self.numerical = 0.0
@@ -114,7 +81,7 @@ class Inertia:
         Kinetic energy that is lost so counts as numerical loss.
         """
         self.numerical += self.kinetic
-        self.now, self._step = Rates.rest(self._position(values)), 0.0
+        self.now, self._alpha.step = Rates.rest(self._position(values)), 0.0
 
     def enter(self) -> None:
         """Begin a stage, in which the largest motion is measured anew."""
@@ -122,21 +89,13 @@ class Inertia:
 
     def begin(self, duration: float) -> None:
         """Prepare a step of a duration in s from the last accepted state."""
-        am, af, n, h = self._am, self._af, self.now, duration
-        if self._step and self._step != h:  # the time to which a belongs depends on the step
-            n = self.now = replace(n, a=n.r + (n.a - n.r) * h / self._step)
-        self._step = h
-        self._k = (1 - am) / ((1 - af) * self._beta * h**2)
-        free = n.u + h * n.v + h**2 * (0.5 - self._beta) * n.a
-        self._r0 = (am * n.a - af * n.r) / (1 - af) - self._k * free
-        speed = self._gamma / (self._beta * h)
-        self._v0 = n.v + h * (1 - self._gamma) * n.a - speed * free
-        self._speed, self._factor = speed, self._k + self._mass_rate * speed
+        self.now = self._alpha.begin(self.now, duration)
+        self._factor = self._alpha.stiffness + self._mass_rate * self._alpha.speed
         self._problem.rate_factor.value = self._factor
 
     def predict(self) -> dict[str, float]:
         """Set the problem's state to a linear extrapolation; returns the values of the ports."""
-        at, count = self.now.u + self._step * self.now.v, len(self._ports)
+        at, count = self.now.u + self._alpha.step * self.now.v, len(self._ports)
         self._set(self._problem.spaces.w, at)
         return dict(zip(self._ports, at[len(at) - count :].tolist(), strict=True))
 
@@ -154,7 +113,8 @@ class Inertia:
             Names of the linear forms to be added to the residual.
         """
         self._u = self._position(values)
-        self._forced = self._factor * self._u + self._r0 + self._mass_rate * self._v0
+        alpha = self._alpha
+        self._forced = self._factor * self._u + alpha.r0 + self._mass_rate * alpha.v0
         self._set(self._problem.rate, self._forced)
         return ["inertia"]
 
@@ -162,7 +122,7 @@ class Inertia:
         """Add the reduced forces of stiffness-proportional damping after `accelerate`."""
         if self._stiffness is not None:
             force = out.duplicate()
-            self._stiffness.mult(self._reduced(self._speed * self._u + self._v0), force)
+            self._stiffness.mult(self._reduced(self._alpha.velocity(self._u)), force)
             out.axpy(self.stiffness_time, force)
 
     def push(self, port: str) -> float:
@@ -180,17 +140,17 @@ class Inertia:
         same = PETSc.Mat.Structure.SUBSET_NONZERO_PATTERN
         matrix.axpy(self._factor, self._matrix, structure=same)
         if self._stiffness is not None:
-            matrix.axpy(self.stiffness_time * self._speed, self._stiffness, structure=same)
+            factor = self.stiffness_time * self._alpha.speed
+            matrix.axpy(factor, self._stiffness, structure=same)
 
     def error(self) -> float:
         """Error of the last step over the largest motion of the stage (collective).
 
-        Both are root mean squares over the mass. The error is (beta - 1/6) h^2 (r' - r) (O. C.
-        Zienkiewicz, Y. M. Xie, Earthq. Eng. Struct. Dyn. 20 (1991) 871), the motion is the
-        displacement since the stage began, or at least the film's thickness.
+        Both are root mean squares over the mass. The motion is the displacement since the stage
+        began, or at least the film's thickness.
         """
         end = self._reached()
-        missed = self._size((self._beta - 1 / 6) * self._step**2 * (end.r - self.now.r))
+        missed = self._size(self._alpha.error(self.now, end))
         return missed / max(self._motion(end), self._least)
 
     def commit(self) -> None:
@@ -250,7 +210,7 @@ class Inertia:
         """Plain values for a checkpoint."""
         n, count = self.now, len(self._ports)
         ports = [x[len(x) - count :].tolist() for x in (n.v, n.a, n.r, self._start)]
-        return {"ports": ports, "step": self._step, "largest": self._largest}
+        return {"ports": ports, "step": self._alpha.step, "largest": self._largest}
 
     def restore(
         self, layout: Layout, gathered: Array | None, plain: dict[str, Any], at: dict[str, float]
@@ -273,7 +233,7 @@ class Inertia:
             found.append(np.concatenate([self._problem.spaces.w.x.array, ports]))
         *now, self._start = found
         self.now = Rates(*now)
-        self._step, self._largest = plain["step"], plain["largest"]
+        self._alpha.step, self._largest = plain["step"], plain["largest"]
 
     # --- parts -----------------------------------------------------------------------------------
 
@@ -289,10 +249,7 @@ class Inertia:
         function.x.array[:] = rates[: len(rates) - len(self._ports)]
 
     def _reached(self) -> Rates:
-        u, h = self._u, self._step
-        n = self.now
-        a = (u - n.u - h * n.v - h**2 * (0.5 - self._beta) * n.a) / (self._beta * h**2)
-        return Rates(u, self._speed * u + self._v0, a, self._k * u + self._r0)
+        return self._alpha.end(self.now, self._u)
 
     def _product(self, x: Array, y: Array) -> float:
         """Product x . M y, with the masses of the mounts (collective)."""

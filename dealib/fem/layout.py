@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -14,14 +13,13 @@ import numpy.typing as npt
 
 from dealib.fem import compat
 from dealib.fem.domain import node_positions
+from dealib.fem.exchange import Exchange
 from dealib.fem.groups import Group
 from dealib.fem.potential import Problem
 from dealib.results.elements import Cell
 from dealib.results.mesh import ResultMesh
-from dealib.results.rows import Rows, rows_at_once
 
 Floats = npt.NDArray[np.float64]
-_PIECE = 2**24  # bytes that one rank sends at a time
 
 
 @dataclass
@@ -37,19 +35,17 @@ class Layout:
         nodes: Coordinates of the nodes of each row, (rows, nodes, axes), mm. A row is a local
             cell; of a sheet, a layer on a local cell.
         mesh: The whole mesh, nodes split between regions; None except on rank 0.
+        exchange: Moves values of rows between the ranks.
     """
 
     cell: Cell
     nodes: Floats
     mesh: ResultMesh | None
+    exchange: Exchange
     _problem: Problem
-    _comm: Any
     _dofs: tuple[Any, ...]
     _cells: Any  # of each row
     _groups: Any  # the same, of a sheet
-    _owned: Any
-    _places: list[Any]  # on rank 0: of each rank's own rows in the whole mesh
-    _original: Any
     _pressure: tuple[Any, Any] | None  # its dofs by cell, and its basis at the cell's nodes
 
     @classmethod
@@ -104,10 +100,8 @@ class Layout:
                 *(cell, global_nodes[order], x[order], region[order], tuple(regions)),
                 split[order] if kinematics.sheet else region[order],
             )
-        return cls(
-            *(cell, nodes[rows], whole, problem, comm, dofs, rows, groups),
-            *(owned, places, original, pressure),
-        )
+        exchange = Exchange(comm, original, owned, places)
+        return cls(cell, nodes[rows], whole, exchange, problem, dofs, rows, groups, pressure)
 
     def rows(self, group: Group) -> Any:
         """Rows of the nodal values of a group of regions, ghosts included."""
@@ -119,70 +113,9 @@ class Layout:
         """Local cells of rows."""
         return self._cells[rows]
 
-    @cached_property
-    def _at(self) -> Any:
-        """Place of each of this rank's rows, ghosts included, in the whole mesh (collective)."""
-        every = np.sort(np.concatenate(self._comm.allgather(self._original[self._owned])))
-        return np.searchsorted(every, self._original)
-
-    def stream(self, shape: tuple[int, ...], of: Callable[[Any], Floats]) -> Iterator[Floats]:
-        """Values of all rows in the order of the whole mesh, some at a time, on rank 0.
-
-        No rank holds them all. Every rank must go through to the end (collective).
-
-        Args:
-            shape: Of the values of a row.
-            of: Gives the values of some of this rank's rows.
-        """
-        comm, own, places = self._comm, np.flatnonzero(self._owned), self._places[1:]
-        own = own[np.argsort(self._at[own])]
-        at, every = self._at[own], [np.sort(part) for part in places]
-        total, step = int(comm.allreduce(len(own))), rows_at_once((0, *shape))
-        for first in range(0, total, step):
-            window = first, min(first + step, total)
-            low, high = np.searchsorted(at, window)
-            mine = of(own[low:high])
-            if comm.rank > 0:
-                if len(mine):
-                    comm.Send(np.ascontiguousarray(mine), 0)
-                continue
-            found = np.empty((window[1] - first, *shape))
-            found[at[low:high] - first] = mine
-            for rank, there in enumerate(every, start=1):
-                low, high = np.searchsorted(there, window)
-                if low < high:
-                    piece = np.empty((high - low, *shape))
-                    comm.Recv(piece, rank)
-                    found[there[low:high] - first] = piece
-            yield found
-
-    def mine(self, whole: Rows | None, rows: Any) -> Floats:
-        """Values of this rank's rows, ghosts included; those that are not given are 0 (collective).
-
-        Args:
-            whole: On rank 0, values of some rows of the whole mesh.
-            rows: Which these are, in order; likewise.
-        """
-        comm = self._comm
-        shape = comm.bcast(None if whole is None else tuple(whole.shape), root=0)
-        rows = comm.bcast(rows, root=0)
-        at = np.searchsorted(rows, self._at)
-        at[~np.isin(self._at, rows)] = -1
-        found, step = np.zeros((len(at), *shape[1:])), rows_at_once(shape)
-        for first in range(0, shape[0], step):
-            last = min(first + step, shape[0])
-            if whole is None:
-                window = np.empty((last - first, *shape[1:]))
-            else:
-                window = np.ascontiguousarray(whole[first:last])
-            comm.Bcast(window, root=0)
-            here = np.flatnonzero((at >= first) & (at < last))
-            found[here] = window[at[here] - first]
-        return found
-
     def owned(self, rows: Any) -> Any:
         """The rows among the given ones that this rank owns."""
-        return rows[self._owned[rows]]
+        return rows[self.exchange.owned[rows]]
 
     @property
     def columns(self) -> int:
@@ -255,7 +188,7 @@ class Layout:
             nodal = np.empty((len(self.mesh.points), local.shape[-1]))
             if self._pressure is not None:
                 pressure = np.empty(self.mesh.cells.shape)
-        for rows, piece in self._pieces(local):
+        for rows, piece in self.exchange.collect(local):
             assert self.mesh is not None
             nodal[self.mesh.cells[rows]] = piece
             if self._pressure is not None:
@@ -270,37 +203,23 @@ class Layout:
     def gather_cells(self, values: Floats) -> Floats | None:
         """Values of the local rows, (rows, ...), for the whole mesh on rank 0."""
         whole = None if self.mesh is None else np.empty((len(self.mesh.cells), *values.shape[1:]))
-        for rows, piece in self._pieces(values):
+        for rows, piece in self.exchange.collect(values):
             assert whole is not None
             whole[rows] = piece
         return whole
-
-    def _pieces(self, values: Floats) -> Iterator[tuple[Any, Floats]]:
-        """Yield on rank 0 the values of all ranks' own rows and their places in the whole mesh.
-
-        They come rank by rank and a piece at a time, so that rank 0 never holds a copy of all.
-        Other ranks send their values and yield nothing (collective).
-        """
-        mine, comm = values[self._owned], self._comm
-        size = max(1, _PIECE // max(1, 8 * int(np.prod(values.shape[1:]))))
-        if comm.rank > 0:
-            for k in range(0, len(mine), size):
-                comm.Send(np.ascontiguousarray(mine[k : k + size]), 0)
-            return
-        yield self._places[0], mine
-        for rank, places in enumerate(self._places[1:], start=1):
-            for k in range(0, len(places), size):
-                piece = np.empty((len(places[k : k + size]), *values.shape[1:]))
-                comm.Recv(piece, rank)
-                yield places[k : k + size], piece
 
     def scatter(self, values: Floats | None) -> None:
         """Set the state from nodal values of the whole mesh on rank 0 (inverse of `gather`).
 
         The pressure is fitted in each cell to its nodal averages, as a start for Newton's method.
         """
-        mine = self._hand_out(values)
-        w, cells = self._problem.spaces.w, self._cells[self._owned]
+        comm = self._problem.domain.comm
+        columns, give = comm.bcast(None if values is None else values.shape[1], root=0), None
+        if values is not None and self.mesh is not None:
+            nodes_of = self.mesh.cells
+            give = lambda rows: np.asarray(values[nodes_of[rows]])  # noqa: E731
+        mine = self.exchange.hand_out(give, (self.nodes.shape[1], columns))
+        w, cells = self._problem.spaces.w, self._cells[self.exchange.owned]
         for k, dofs in enumerate(self._dofs):
             w.x.array[dofs[cells]] = mine[..., k]
         if self._pressure is not None:
@@ -311,22 +230,6 @@ class Layout:
             at = np.einsum("qn,cnk->cqk", self._at_quadrature, excess)
             sheet.set_excess(cells, at)
         w.x.scatter_forward()
-
-    def _hand_out(self, values: Floats | None) -> Floats:
-        """Values of this rank's own rows from nodal ones on rank 0, piece by piece (collective)."""
-        comm = self._comm
-        columns = comm.bcast(None if values is None else values.shape[1], root=0)
-        nodes = self.nodes.shape[1]
-        size = max(1, _PIECE // (8 * nodes * columns))
-        if self.mesh is not None and values is not None:
-            for rank, places in enumerate(self._places[1:], start=1):
-                for k in range(0, len(places), size):
-                    comm.Send(values[self.mesh.cells[places[k : k + size]]], rank)
-            return np.asarray(values[self.mesh.cells[self._places[0]]])
-        mine = np.empty((int(self._owned.sum()), nodes, columns))
-        for k in range(0, len(mine), size):
-            comm.Recv(mine[k : k + size], 0)
-        return mine
 
 
 def _rows(problem: Problem) -> tuple[Any, Any]:

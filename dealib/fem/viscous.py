@@ -232,7 +232,7 @@ class Viscosity:
                 values[here, :, : packed.shape[2]] = packed
             return values
 
-        every = layout.stream(shape, of)
+        every = layout.exchange.stream(shape, of)
         if layout.mesh is None:
             for _ in every:
                 pass
@@ -278,7 +278,7 @@ class Viscosity:
         """Inverse of `gather`, with the metric of the current state (collective)."""
         mesh = self._layout.mesh
         cells = None if mesh is None else local.cells_with_memory(self._problem.config, mesh)
-        mine = self._layout.mine(gathered, cells)
+        mine = self._layout.exchange.mine(gathered, cells)
         for part in self._parts.values():
             n, kept = len(part.networks), mine[part.cells]
             peak = kept[:, :, n, 0] if part.material.softens else part.now.peak
