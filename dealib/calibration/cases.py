@@ -9,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dealib.cases.cache import DONE, FAILED, Cache, key
-from dealib.cases.job import Job
-from dealib.cases.job import Wanted as Spectrum
+from dealib.cases.job import Job, Spectrum
 from dealib.cases.workers import Pool
 from dealib.config import Case
 from dealib.design import slopes

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 Report = Callable[[int, int], None]  # step, steps planned
 Work = Callable[["Job", Report | None], None]
-Wanted = tuple[Band, str | None]  # a spectrum and the stage at whose end; None: the last one
+Spectrum = tuple[Band, str | None]  # its band and the stage at whose end; None: the last one
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Job:
     base: Path
     overrides: tuple[str, ...]
     folder: Path
-    spectrum: Wanted | None = None
+    spectrum: Spectrum | None = None
     watch: Callable[[Path], Any] | None = None
     work: Work | None = None
 

@@ -189,14 +189,17 @@ def _count(number: float) -> str:
 
 
 def _bytes(number: float) -> str:
-    for unit, factor in (("TB", 1e12), ("GB", 1e9)):
-        if number >= factor:
-            return f"{number / factor:.3g} {unit}"
-    return f"{number / 1e6:.0f} MB"
+    return _scaled(number, {"TB": 1e12, "GB": 1e9}) or f"{number / 1e6:.0f} MB"
 
 
 def _time(seconds: float) -> str:
-    for unit, factor in (("years", 3.156e7), ("days", 86400), ("h", 3600), ("min", 60)):
-        if seconds >= 2 * factor:
-            return f"{seconds / factor:.3g} {unit}"
-    return f"{seconds:.2g} s"
+    units = {"years": 3.156e7, "days": 86400, "h": 3600, "min": 60}
+    return _scaled(seconds, units, least=2) or f"{seconds:.2g} s"
+
+
+def _scaled(number: float, units: dict[str, float], least: float = 1) -> str:
+    """A number in the first unit of which it has enough; '' if there is none."""
+    found = (
+        f"{number / size:.3g} {unit}" for unit, size in units.items() if number >= least * size
+    )
+    return next(found, "")

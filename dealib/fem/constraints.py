@@ -163,7 +163,7 @@ def build(domain: Domain, spaces: Spaces, contact: str | None = None) -> Constra
         elif support.port:
             target = _FIRST_PORT + names.index(support.port)
         if support.quantity == PHI:
-            _check_apart(domain, support, kind[dofs], target)
+            _check_apart(domain, kind[dofs], target)
         kind[dofs] = target
     if device.kinematics.revolved and device.kinematics.lies[0] == 0:
         kind[_on_axis(domain, spaces)] = _ZERO
@@ -272,7 +272,7 @@ def _on_axis(domain: Domain, spaces: Spaces) -> Ints:
     return _dofs(spaces.W, (0, 0), dim, facets)
 
 
-def _check_apart(domain: Domain, support: Support, before: Ints, target: int) -> None:
+def _check_apart(domain: Domain, before: Ints, target: int) -> None:
     """Refuse a terminal that shares a node with another one."""
     others = np.unique(before[(before != _FREE) & (before != target)])
     other = domain.comm.allreduce(int(others[0]) if len(others) else -1, op=MPI.MAX)

@@ -104,7 +104,7 @@ def solid_groups(config: Config, domain: Domain) -> tuple[Group, ...]:
     return tuple(sorted(groups, key=rank))
 
 
-def sheet_groups(config: Config, domain: Domain) -> tuple[Group, ...]:
+def sheet_groups(domain: Domain) -> tuple[Group, ...]:
     """A group for each layer on each part of the base."""
     laminate, found = domain.device.laminate, []
     assert laminate is not None

@@ -1,7 +1,8 @@
-"""Motion in time: forces of inertia and damping, their energies, and the steps of `fem.generalised_alpha`.
+"""Motion in time: forces of inertia and damping, and their energies.
 
-Inertia has the potential k/2 (u' - u*) . M (u' - u*) over a step from u to u', with k and u* fixed
-at its start, so that the tangent stays symmetric.
+`fem.generalised_alpha` has the equations of a step. Inertia has the potential
+k/2 (u' - u*) . M (u' - u*) over a step from u to u', with k and u* fixed at its start, so that the
+tangent stays symmetric.
 """
 
 from __future__ import annotations

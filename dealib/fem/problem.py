@@ -108,8 +108,9 @@ def problem_on(domain: Domain, config: Config, spaces: Spaces | None = None) -> 
 
 def groups_of(domain: Domain, config: Config) -> tuple[Group, ...]:
     """Regions that share energies."""
-    sheet = domain.device.kinematics.sheet
-    return (sheet_groups if sheet else solid_groups)(config, domain)
+    if domain.device.kinematics.sheet:
+        return sheet_groups(domain)
+    return solid_groups(config, domain)
 
 
 def _networks(config: Config) -> int:

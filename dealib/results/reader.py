@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from dealib.errors import ConfigError, DealibError, did_you_mean, first_line
+from dealib.errors import ConfigError, did_you_mean, first_line
 from dealib.log import LOGGER
 from dealib.results import store
 from dealib.results.elements import Array
-from dealib.results.history import HISTORY, STAGE, from_columns, parse
+from dealib.results.history import HISTORY, parse
 from dealib.results.info import INFO, read_info
+from dealib.results.states import StatesReader
 
 if TYPE_CHECKING:
     import pandas
@@ -92,10 +92,10 @@ class Run:
         try:
             found = self._csv()
         except ConfigError as error:
-            if self.kept_history is None:
+            if self.stored.history is None:
                 raise self._without(HISTORY, error) from None
             self._tell(f"{error}; the history is that in {store.STATES}")
-            found = self.kept_history
+            found = self.stored.history
         if found is None:
             raise ConfigError(f"{self.directory}: no step has converged yet")
         return found
@@ -112,7 +112,7 @@ class Run:
 
     def _csv(self) -> pandas.DataFrame | None:
         """What `history.csv` holds; None if no step has converged."""
-        path, kept = self.directory / HISTORY, self.kept_history  # a run writes the CSV first
+        path, kept = self.directory / HISTORY, self.stored.history  # a run writes the CSV first
         try:
             found = parse(path, self._columns) if path.is_file() else None
         except (OSError, ValueError) as error:
@@ -121,17 +121,6 @@ class Run:
             what = "missing" if found is None else "damaged (its last rows are missing)"
             raise ConfigError(f"{path}: {what}")
         return found
-
-    @cached_property
-    def kept_history(self) -> pandas.DataFrame | None:
-        """The history in `results.h5`; None if there is none that can be read."""
-        try:
-            with self._file() as file:
-                columns = {name: column[:] for name, column in file["history"].items()}
-                columns[STAGE] = [name.decode() for name in columns[STAGE]]
-                return from_columns(columns)
-        except ConfigError:
-            return None  # the error is raised where the file itself is needed
 
     @cached_property
     def config(self) -> Config:
@@ -146,7 +135,7 @@ class Run:
         try:
             config = read(self.directory / CONFIG)
         except ConfigError as error:
-            kept = self._kept_text(CONFIG)
+            kept = self.stored.text(CONFIG)
             if not kept:
                 raise self._without(CONFIG, error) from None
             self._tell(f"{first_line(error)}; the config is that in {store.STATES}")
@@ -166,59 +155,29 @@ class Run:
         try:
             return (self.directory / name).read_text(encoding="utf-8")
         except (OSError, ValueError):
-            return self._kept_text(name)
-
-    def _kept_text(self, name: str) -> str:
-        """A text of `results.h5`, by the name of its file; empty if it is not there."""
-        try:
-            with self._file() as file:
-                return str(file[name.removesuffix(".yaml").replace(".", "_")][()].decode())
-        except ConfigError:
-            return ""
+            return self.stored.text(name)
 
     @cached_property
+    def stored(self) -> StatesReader:
+        """Reads `results.h5`."""
+        return StatesReader(self.directory / store.STATES, self._without)
+
+    @property
     def mesh(self) -> ResultMesh:
         """Mesh of the stored states.
 
         Raises:
             ConfigError: If `results.h5` is damaged.
         """
-        with self._file() as file:
-            return store.read_mesh(file)
+        return self.stored.mesh
 
     @property
     def stored_steps(self) -> list[int]:
         """Steps whose state is stored, without damaged ones."""
-        found, problem = self._stored_and_lost()
+        found, problem = self.stored.steps()
         if problem:
             self._tell(problem)
         return found
-
-    def _stored_and_lost(self, whole: bool = False) -> tuple[list[int], str]:
-        """Steps whose state can be opened (or read, if `whole`), and a problem with the others."""
-        with self._file() as file:
-            there = {int(n): _is_there(file, f"states/{n}", whole) for n in file["states"]}
-        lost = ", ".join(str(step) for step, found in there.items() if not found)
-        path = self.directory / store.STATES
-        problem = f"{path}: damaged (the states of these steps are lost: {lost})" if lost else ""
-        return sorted(step for step, found in there.items() if found), problem
-
-    @contextmanager
-    def _file(self) -> Iterator[Any]:
-        """The open `results.h5`.
-
-        Raises:
-            ConfigError: If it is damaged, also if that shows only while it is read.
-        """
-        path = self.directory / store.STATES
-        try:
-            with h5py.File(path, "r") as file:
-                yield file
-        except DealibError:
-            raise
-        except Exception as error:  # h5py raises HDF5's errors as they come
-            what = f"damaged ({first_line(error)})" if path.is_file() else "missing"
-            raise self._without(store.STATES, ConfigError(f"{path}: {what}")) from None
 
     def check(self) -> None:
         """Check that history and states are intact.
@@ -236,7 +195,7 @@ class Run:
             ConfigError: If they are not.
         """
         _ = self.mesh
-        if problem := self._stored_and_lost(whole=True)[1]:
+        if problem := self.stored.steps(whole=True)[1]:
             raise ConfigError(problem)
 
     def _without(self, name: str, error: ConfigError) -> ConfigError:
@@ -280,41 +239,28 @@ class Run:
 
         Units are mm, kV and MPa.
         """
-        found = self._stored("states", index)
+        found = self.stored.array("states", self.stored_steps, index)
         assert found is not None
         return found
 
     def states(self, steps: Iterable[int]) -> Iterator[Array]:
         """Nodal values of stored steps, given by their step numbers."""
-        with self._file() as file:
-            for step in steps:
-                yield np.asarray(file[f"states/{step:05d}"][:], dtype=np.float64)
+        return self.stored.nodal(steps)
 
     def internal(self, index: int = -1) -> Array | None:
         """Internal variables at the index-th stored step (see `fields.Fields`); None without."""
-        return self._stored("internal", index)
+        return self.stored.array("internal", self.stored_steps, index)
 
     def modes(self, index: int = -1) -> Array | None:
         """Softest modes, (modes, nodes, axes), if stability is lost at the index-th stored step.
 
         The largest displacement of each mode is 1. None if the step has no modes.
         """
-        return self._stored("modes", index)
+        return self.stored.array("modes", self.stored_steps, index)
 
     def velocity(self, index: int = -1) -> Array | None:
         """Nodal velocity at the index-th stored step, (nodes, axes), mm/s; None at rest."""
-        return self._stored("velocity", index)
-
-    def _stored(self, group: str, index: int) -> Array | None:
-        steps = self.stored_steps
-        try:
-            name = f"{group}/{steps[index]:05d}"
-        except IndexError:
-            raise ConfigError(
-                f"{self.directory}: there are {len(steps)} stored steps, no number {index}"
-            ) from None
-        with self._file() as file:
-            return np.asarray(file[name][:], dtype=np.float64) if name in file else None
+        return self.stored.array("velocity", self.stored_steps, index)
 
     def arrays(self, index: int = -1) -> dict[str, Array]:
         """All nodal fields of the index-th stored step, by name.
@@ -346,14 +292,6 @@ class Run:
             grid.point_data[name] = values.reshape(len(points), -1).squeeze()
         grid.cell_data["region"] = mesh.region
         return grid
-
-
-def _is_there(file: Any, name: str, whole: bool) -> bool:
-    """Whether an array, which may be in a linked file, can be opened, or read if `whole`."""
-    try:
-        return (file[name][()] if whole else file[name]) is not None
-    except (KeyError, OSError):
-        return False
 
 
 def _alive(pid: int) -> bool:
