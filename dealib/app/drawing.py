@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.plots.contours import magnification, scale_note
 from dealib.plots.labels import label, split
 from dealib.plots.limits import BEYOND, beyond
@@ -14,7 +15,6 @@ from dealib.plots.style import LIGHT
 from dealib.plots.views import CONDUCTORS, bodies
 from dealib.report.figures import turned
 from dealib.report.space import coloured
-from dealib.results.elements import Array
 from dealib.results.quantities import quantities
 from dealib.results.reader import Run
 from dealib.results.summary import VERDICTS, drive, motion

@@ -9,9 +9,9 @@ from typing import Any, get_args
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.calibration.coupon_data import CouponTest
 from dealib.calibration.task import History, Values
-from dealib.data.measured import Array
 from dealib.errors import NotConverged
 from dealib.materials import coupon
 from dealib.materials.law import Law

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import make_lsq_spline
 
+from dealib.arrays import Array
 from dealib.calibration.coupon_schema import Coupon, Test
 from dealib.calibration.statistics import distances
 from dealib.calibration.task import History
@@ -17,7 +18,7 @@ from dealib.config.messages import validate
 from dealib.config.source import Source
 from dealib.data.branches import branches
 from dealib.data.compare import Comparison
-from dealib.data.measured import Array, Measured, measured
+from dealib.data.measured import Measured, measured
 from dealib.data.names import split_unit
 from dealib.data.schema import Selection
 from dealib.errors import ConfigError

@@ -8,8 +8,8 @@ from typing import Any
 import lmfit
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.calibration.task import FitData, History, Task, Values
-from dealib.data.measured import Array
 from dealib.errors import NotConverged
 
 FAILED = 1e3  # residual, in standard deviations, of a case that does not converge

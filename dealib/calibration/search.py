@@ -10,10 +10,10 @@ import lmfit
 import numpy as np
 from scipy.stats import t as student
 
+from dealib.arrays import Array
 from dealib.calibration.objective import FAILED, Objective, short
 from dealib.calibration.statistics import Uncertainty, directions, uncertainty
 from dealib.calibration.task import Estimate, FitData, FitResult, Task
-from dealib.data.measured import Array
 from dealib.errors import NotConverged
 
 _NEAR = 1e-3  # share of its range within which a parameter counts as at its bound

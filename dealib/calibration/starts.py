@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq, least_squares, lsq_linear
 
+from dealib.arrays import Array
 from dealib.calibration.candidates import Candidate
 from dealib.calibration.coupon_data import STRESS, TIME, CouponTest
 from dealib.calibration.task import Free, Values
-from dealib.data.measured import Array
 from dealib.errors import NotConverged
 from dealib.materials import coupon
 from dealib.materials.law import invariants_of_stretches

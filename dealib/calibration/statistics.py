@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.optimize import brentq
 from scipy.signal import lfilter
 
-from dealib.data.measured import Array
+from dealib.arrays import Array
 
 _SOLID = 1e-9  # singular values of J below this share of the largest one are rounding
 

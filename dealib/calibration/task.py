@@ -8,9 +8,10 @@ from typing import Literal, Protocol
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.calibration.statistics import Noise, distances
 from dealib.data.compare import Comparison, compare
-from dealib.data.measured import Array, Measured
+from dealib.data.measured import Measured
 from dealib.errors import NotConverged
 
 History = dict[str, Array]

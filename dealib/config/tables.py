@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field, model_validator
 
+from dealib.arrays import Array
 from dealib.device.records import KINDS
 from dealib.errors import ValueAt
 from dealib.section import Section
@@ -66,7 +66,7 @@ class Tables(Section):
         return (self.points or _POINTS)[: len(self.axes)]
 
     @property
-    def grids(self) -> dict[str, npt.NDArray[np.float64]]:
+    def grids(self) -> dict[str, Array]:
         """Values of each variable, from the first to the last."""
         pairs = zip(self.axes.items(), self.counts, strict=True)
         return {name: np.linspace(*ends, count) for (name, ends), count in pairs}

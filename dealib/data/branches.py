@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from dealib.arrays import Array
 
 _TURN = 0.05  # share of the range of x: moving back by less begins no new branch
 _MOST = 0.45  # share of the range: moving back by more always begins one

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.data.names import is_unit, spelt
 from dealib.units import factor
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Array = npt.NDArray[np.float64]
 Kind = Literal["number", "time", "missing", "text"]
 
 _EXPONENT = r"(?:[eEdD][+-]?\d+)?"

@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.interpolate import PchipInterpolator
 
+from dealib.arrays import Array
 from dealib.data.branches import branches
-from dealib.data.measured import Array, Measured
+from dealib.data.measured import Measured
 from dealib.data.names import split_unit
 from dealib.errors import ConfigError
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from dealib.data.names import plain, split_unit
 from dealib.data.prepare import Columns, averaged, prepare, resampled
@@ -17,8 +16,6 @@ from dealib.data.schema import Selection
 from dealib.data.table import DataColumn, DataTable
 from dealib.errors import ConfigError, did_you_mean
 from dealib.units import convert
-
-Array = npt.NDArray[np.float64]
 
 TIME = "time_s"
 

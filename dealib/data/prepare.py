@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.data.branches import branches, noise
 from dealib.data.names import split_unit
 from dealib.data.schema import Plateaus, Preparation
 from dealib.units import convert
 
-Array = npt.NDArray[np.float64]
 Columns = dict[str, Array]
 
 _WINDOW = 11  # rows of the running median

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.data.cells import Ambiguous, convert
 from dealib.data.names import Header, headers, is_unit, parted, plain, scale, spelt
 from dealib.errors import ConfigError, did_you_mean
@@ -17,8 +17,6 @@ from dealib.units import factor
 
 if TYPE_CHECKING:
     import pandas as pd
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.cases.job import Ended
 from dealib.cases.workers import Pool
 from dealib.design import evaluate
@@ -22,7 +23,6 @@ from dealib.design.search import Oracle, Seen
 from dealib.errors import ConfigError, PlatformError
 from dealib.reading import shown
 from dealib.results import spectra
-from dealib.results.elements import Array
 from dealib.units import convert
 
 DESIGNS = "designs.csv"

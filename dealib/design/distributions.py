@@ -9,9 +9,9 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import Field
 
+from dealib.arrays import Array
 from dealib.data.schema import Amount
 from dealib.errors import ValueAt
-from dealib.results.elements import Array
 from dealib.section import Section
 from dealib.units import convert
 

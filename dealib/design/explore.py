@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.design.designs import Designs, Evaluated, as_model
 from dealib.design.goals import Aim, Limit
 from dealib.design.plan import DesignPlan, Point
 from dealib.design.search import Best, Oracle, descend, ranked
 from dealib.errors import ConfigError
-from dealib.results.elements import Array
 
 _NEAR = 0.25  # largest relative deviation of a membrane that is corrected by the solid
 _ROUNDS = 5  # largest number of corrections

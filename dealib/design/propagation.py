@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.design.distributions import Joint, scores
 from dealib.design.surrogate import Surrogate, fit
 from dealib.errors import NotConverged
-from dealib.results.elements import Array
 
 _POINTS, _FEWER = 2**14, 2**12  # points of an integral, and of one for the jackknife
 _GROUPS = 8  # of samples, for the jackknife

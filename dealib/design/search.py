@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.design.goals import Aim, Limit
 from dealib.design.schema import Search
-from dealib.results.elements import Array
 
 Seen = Mapping[str, tuple[float, Array]]  # value and slopes of each quantity
 Oracle = Callable[[Array], Seen | None]

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.config.schema import Config
 from dealib.design.keys import Key, keys
 from dealib.design.neighbours import Neighbours
@@ -67,7 +67,7 @@ def known(config: Config) -> bool:
     return not config.output.modes and not any(stage.auto for stage in config.program)
 
 
-def read(directory: Path) -> dict[str, dict[str, npt.NDArray[np.float64]]]:
+def read(directory: Path) -> dict[str, dict[str, Array]]:
     """Derivatives by the logarithm of each key, by key and column; empty without a file."""
     try:
         with np.load(directory / FILE, allow_pickle=False) as file:
@@ -84,6 +84,6 @@ def _key(config: Config, name: str) -> list[Key]:
         return []
 
 
-def _table(rows: list[dict[str, Any]]) -> dict[str, npt.NDArray[np.float64]]:
+def _table(rows: list[dict[str, Any]]) -> dict[str, Array]:
     numbers = [name for name, value in rows[0].items() if isinstance(value, (int, float))]
     return {name: np.array([row[name] for row in rows], float) for name in numbers}

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dealib.results.elements import Array
+from dealib.arrays import Array
 
 _TUNED = 256  # samples that choose the correlation lengths; the cost grows as their cube
 _ROWS = 4096  # points that are predicted at a time

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.cases.job import Ended, Job, run
 from dealib.cases.workers import Pool
 from dealib.design.designs import as_model
@@ -17,7 +18,6 @@ from dealib.design.goals import goals
 from dealib.design.plan import DesignPlan
 from dealib.design.propagation import Samples
 from dealib.errors import ConfigError, NotConverged, did_you_mean
-from dealib.results.elements import Array
 from dealib.units import convert
 
 if TYPE_CHECKING:

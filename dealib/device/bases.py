@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Protocol, TypeAl
 import numpy as np
 from pydantic import Field, model_validator
 
+from dealib.arrays import Array
 from dealib.device import plan as plans
-from dealib.device.grading import Array
 from dealib.device.kinematics import AXISYMMETRIC, PLANE_STRAIN, SOLID, Kinematics
 from dealib.device.plan import Plan
 from dealib.errors import ValueAt

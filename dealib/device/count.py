@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from dealib.arrays import Ints
 from dealib.device.device import Device
 from dealib.device.laminate import Laminate
-from dealib.device.msh import TYPES, Ints, read
+from dealib.device.msh import TYPES, read
 from dealib.device.records import PHI
 from dealib.device.sheet import line
 from dealib.device.solid import LaminateDraft

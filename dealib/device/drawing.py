@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from dealib.arrays import Array, Ints
 from dealib.device.gmsh_model import gmsh_model
-from dealib.device.grading import Array
-from dealib.device.plan import Ints
 from dealib.device.records import AIR
 from dealib.errors import ConfigError
 

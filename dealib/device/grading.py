@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from dealib.arrays import Array
 
 
 def geometric(cells: int, first: float) -> Array:

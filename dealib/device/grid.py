@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.device import grading
-from dealib.device.grading import Array
 from dealib.device.records import AIR
 from dealib.errors import ConfigError
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from dealib.arrays import Array
+
 _ON_AXIS = 1e-9  # mm; nearer to the axis u_R / R is rounding
 
 

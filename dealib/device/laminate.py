@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.device.bases import Base
-from dealib.device.grading import Array
 from dealib.device.grid import AIR_BOTTOM, AIR_END, AIR_START, AIR_TOP, Line
 from dealib.device.kinematics import SOLID, Kinematics
 from dealib.device.part import Part, Span

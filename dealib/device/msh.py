@@ -15,13 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from dealib.arrays import Array, Ints
 from dealib.errors import ConfigError
 from dealib.reading import read_bytes, shown
-
-Ints = npt.NDArray[np.int64]
-Array = npt.NDArray[np.float64]
 
 _FAR = 1e9  # mm
 _MOST = 1_000_000_000  # bytes: some ten million nodes

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.device import grading
-from dealib.device.grading import Array
 from dealib.device.grid import AIR_RATIO, Grid, Line, growing
 from dealib.device.laminate import FRAME_BLOCK, MOUNT_BLOCK, Blocks, Laminate
 from dealib.device.records import AIR

@@ -6,15 +6,12 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from dealib.device.grading import Array
+from dealib.arrays import Array, Ints
 from dealib.device.laminate import AXIS, JOIN, Laminate
 from dealib.device.plan import middles
 from dealib.device.plane_grid import columns
 from dealib.device.solid import LaminateDraft
-
-Ints = npt.NDArray[np.int64]
 
 _TYPES = {(2, 2): 10, (2, 1): 3, (1, 2): 8, (1, 1): 1, (0, 2): 15, (0, 1): 15}  # Gmsh's elements
 

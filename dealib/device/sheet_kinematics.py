@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from dealib.device.kinematics import Array, Kinematics, at_points, by_component, hoop
+from dealib.arrays import Array
+from dealib.device.kinematics import Kinematics, at_points, by_component, hoop
 
 
 @dataclass(frozen=True)

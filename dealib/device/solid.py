@@ -8,16 +8,13 @@ from itertools import accumulate, pairwise
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from dealib.device.grading import Array
+from dealib.arrays import Array, Ints
 from dealib.device.grid import AIR_BOTTOM, AIR_RATIO, AIR_TOP, growing
 from dealib.device.laminate import JOIN, Laminate
 from dealib.device.plan import Plan, middles
 from dealib.device.plane_grid import columns
 from dealib.device.records import AIR
-
-Ints = npt.NDArray[np.int64]
 
 # nodes of Gmsh's second-order hexahedron: node of the plan's quadrilateral, and level
 _HEXAHEDRON = [

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dealib.device.msh import TYPES, Array, Ints, MeshFile, read
+from dealib.arrays import Array, Ints
+from dealib.device.msh import TYPES, MeshFile, read
 from dealib.errors import ConfigError
 
 _HEXAHEDRON = np.array(

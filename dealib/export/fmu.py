@@ -20,12 +20,12 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.config.schema import Config
 from dealib.device.records import Port
 from dealib.errors import PlatformError
 from dealib.export.lumped import CubaturePoint, lumped
 from dealib.files import whole, write_text
-from dealib.results.elements import Array
 from dealib.results.hermite import nodal
 from dealib.results.reader import Run
 from dealib.results.tables import DeviceTables

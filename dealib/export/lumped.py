@@ -13,14 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dealib.arrays import Array, Ints
 from dealib.config.schema import Config
 from dealib.errors import ConfigError, by_caller
 from dealib.materials import evolution
 from dealib.materials.branches import Branch
 from dealib.results import local
-from dealib.results.elements import Array
 from dealib.results.hermite import spline_slope
-from dealib.results.mesh import Ints, ResultMesh
+from dealib.results.mesh import ResultMesh
 from dealib.results.reader import Run
 from dealib.results.tables import DeviceTables
 

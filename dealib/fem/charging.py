@@ -20,14 +20,13 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx.fem import petsc as fem_petsc
 
+from dealib.arrays import Array
 from dealib.fem.electrodes import electrode_dofs
 from dealib.fem.layout import Layout
 from dealib.fem.potential import Problem
 
-Array = npt.NDArray[np.float64]
 _LONG = 1e6  # s, in which any electrode is fully charged
 _LEAST = 1e-3  # smallest charge with which errors are compared, of the flat film's at 1 kV
 

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from dolfinx import fem
 from dolfinx import mesh as dmesh
 
+from dealib.arrays import Array, Indices
 from dealib.device.driven import check_apart
 from dealib.device.records import MOUNT, PHI, RIGID, Support
 from dealib.fem import compat
@@ -28,9 +29,6 @@ from dealib.results.elements import Cell
 FIELDS = ("displacement", "potential", "air mesh", "pressure")
 _FREE, _ZERO, _FIRST_PORT = 0, 1, 2
 _FIRST_RIGID = -1  # the first rigid mount; others are below
-
-Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
 
 
 @dataclass
@@ -52,14 +50,14 @@ class ConstraintMap:
     """
 
     comm: MPI.Comm
-    columns: Ints
-    physical: Ints
-    mesh_rows: Ints
-    field: Ints
+    columns: Indices
+    physical: Indices
+    mesh_rows: Indices
+    field: Indices
     ports: dict[str, int]
     owned: int
-    free: Ints
-    _port_of: dict[str, Ints]
+    free: Indices
+    _port_of: dict[str, Indices]
     platforms: tuple[Platform, ...] = ()
     contacted: frozenset[str] = frozenset()
 
@@ -112,13 +110,13 @@ class ConstraintMap:
         if self.comm.rank == 0:
             q.array[self.owned - len(self.ports) + list(self.ports).index(name)] = value
 
-    def summed(self, mine: Floats) -> Floats:
+    def summed(self, mine: Array) -> Array:
         """Sum of arrays of all ranks (collective)."""
         total = np.empty_like(mine)
         self.comm.Allreduce(mine, total)
         return total
 
-    def numbers(self, field: str) -> Ints:
+    def numbers(self, field: str) -> Indices:
         """Global numbers of this rank's free unknowns of a field."""
         first = sum(self.comm.allgather(self.owned)[: self.comm.rank])
         return np.asarray(first + np.flatnonzero(self.field == FIELDS.index(field)), dtype=np.int32)
@@ -127,7 +125,7 @@ class ConstraintMap:
         """An empty reduced vector."""
         return PETSc.Vec().createMPI((self.owned, None), comm=self.comm)
 
-    def lgmap(self, rows: Ints) -> Any:
+    def lgmap(self, rows: Indices) -> Any:
         """PETSc local-to-global map of reduced rows or columns."""
         return PETSc.LGMap().create(rows, comm=self.comm)
 
@@ -256,7 +254,7 @@ def _platform(domain: Domain, spaces: Spaces, name: str, mine: Any) -> Platform:
     )
 
 
-def support_dofs(domain: Domain, spaces: Spaces, support: Support) -> Ints:
+def support_dofs(domain: Domain, spaces: Spaces, support: Support) -> Indices:
     """Local degrees of freedom that a support prescribes, ghosts included."""
     axes = domain.device.kinematics.axes
     path = (1,) if support.quantity == PHI else (0, axes.index(support.quantity))
@@ -265,14 +263,14 @@ def support_dofs(domain: Domain, spaces: Spaces, support: Support) -> Ints:
     return _dofs(spaces.W, path, *domain.entities(support.where))
 
 
-def _on_axis(domain: Domain, spaces: Spaces) -> Ints:
+def _on_axis(domain: Domain, spaces: Spaces) -> Indices:
     """Degrees of freedom of the radial displacement on the axis, where it is zero."""
     near, dim = 1e-9 * domain.sizes.span, domain.dim - 1
     facets = dmesh.locate_entities_boundary(domain.mesh, dim, lambda x: np.abs(x[0]) < near)
     return _dofs(spaces.W, (0, 0), dim, facets)
 
 
-def _check_apart(domain: Domain, before: Ints, target: int) -> None:
+def _check_apart(domain: Domain, before: Indices, target: int) -> None:
     """Refuse a terminal that shares a node with another one."""
     others = np.unique(before[(before != _FREE) & (before != target)])
     other = domain.comm.allreduce(int(others[0]) if len(others) else -1, op=MPI.MAX)
@@ -282,7 +280,7 @@ def _check_apart(domain: Domain, before: Ints, target: int) -> None:
     check_apart(*(names[k - _FIRST_PORT] if k >= _FIRST_PORT else "" for k in (target, other)))
 
 
-def _dofs(W: Any, path: tuple[int, ...], dim: int, entities: Ints) -> Ints:
+def _dofs(W: Any, path: tuple[int, ...], dim: int, entities: Indices) -> Indices:
     for k in path:
         W = W.sub(k)
     return np.asarray(fem.locate_dofs_topological(W, dim, entities))

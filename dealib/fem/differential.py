@@ -7,14 +7,12 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.device.records import CHAMBER, MOUNT, TERMINAL, TURN
 from dealib.fem.newton import Newton
 from dealib.fem.port_law import PortLaw
 from dealib.fem.problem import Problem
-
-Array = npt.NDArray[np.float64]
 
 _SMALL = 1e-4  # change of a port over its characteristic size
 

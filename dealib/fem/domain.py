@@ -10,10 +10,10 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx import fem
 from dolfinx import mesh as dmesh
 
+from dealib.arrays import Indices
 from dealib.config.schema import Config
 from dealib.device.device import Device
 from dealib.device.gmsh_model import gmsh_model
@@ -26,7 +26,6 @@ from dealib.fem import compat
 from dealib.fem.energies import constant
 from dealib.results.elements import Cell
 
-Ints = npt.NDArray[np.int32]
 Groups = tuple[tuple[str, ...], ...]  # of regions that share an energy
 
 
@@ -74,7 +73,7 @@ class Domain:
             found for group, found in self.groups.items() if name in (group, *group.split(JOIN))
         ]
 
-    def entities(self, name: str) -> tuple[int, Ints]:
+    def entities(self, name: str) -> tuple[int, Indices]:
         """Dimension and local cells or facets of a named region or boundary (ghosts included)."""
         parts = self.tags(name)
         dim = parts[0][0]
@@ -82,27 +81,27 @@ class Domain:
         wanted = np.isin(tags.values, [tag for _, tag in parts])
         return dim, np.asarray(tags.indices[wanted], dtype=np.int32)
 
-    def cells(self, *regions: str) -> Ints:
+    def cells(self, *regions: str) -> Indices:
         """Local cells of regions, sorted; regions that the mesh lacks count as empty."""
         found = [self.entities(r)[1] for r in regions if self.has(r)]
         return np.sort(np.concatenate([np.empty(0, np.int32), *found])).astype(np.int32)
 
     @property
-    def all_cells(self) -> Ints:
+    def all_cells(self) -> Indices:
         """All local cells."""
         return np.arange(len(compat.original_cells(self.mesh)), dtype=np.int32)
 
-    def owned(self, cells: Ints) -> Ints:
+    def owned(self, cells: Indices) -> Indices:
         """Those of the cells that this rank owns."""
         return cells[cells < compat.local_cells(self.mesh)]
 
     @cached_property
-    def solids(self) -> Ints:
+    def solids(self) -> Indices:
         """Local cells of all materials."""
         return self.cells(*(r.name for r in self.device.solids))
 
     @cached_property
-    def air(self) -> Ints:
+    def air(self) -> Indices:
         """Local cells of air."""
         return self.cells(*(r.name for r in self.device.regions if r.air))
 
@@ -115,7 +114,7 @@ class Domain:
         return dmesh.meshtags(self.mesh, self.dim, indices[order], values[order].astype(np.int32))
 
     @cached_property
-    def region_of_cell(self) -> Ints:
+    def region_of_cell(self) -> Indices:
         """Index among the device's regions of each local cell."""
         ids = np.full(len(self.all_cells), -1, dtype=np.int32)
         for k, region in enumerate(self.device.regions):

@@ -8,16 +8,14 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx.fem import petsc as fem_petsc
 
+from dealib.arrays import Array
 from dealib.device.records import TERMINAL
 from dealib.errors import NotConverged
 from dealib.fem.constraints import FIELDS, owners_decide
 from dealib.fem.linear import set_options
 from dealib.fem.system import System
-
-Array = npt.NDArray[np.float64]
 
 _SMALL: dict[str, Any] = {  # less than half of what MUMPS takes, which begins slowly
     "ksp_type": "preonly",

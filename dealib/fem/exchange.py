@@ -7,11 +7,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.results.rows import Rows, rows_at_once
-
-Floats = npt.NDArray[np.float64]
 
 
 class Exchange:
@@ -38,7 +36,7 @@ class Exchange:
         every = np.sort(np.concatenate(self._comm.allgather(self._original[self.owned])))
         return np.searchsorted(every, self._original)
 
-    def stream(self, shape: tuple[int, ...], of: Callable[[Any], Floats]) -> Iterator[Floats]:
+    def stream(self, shape: tuple[int, ...], of: Callable[[Any], Array]) -> Iterator[Array]:
         """Values of all rows in the order of the whole mesh, some at a time, on rank 0.
 
         No rank holds them all. Every rank must go through to the end (collective).
@@ -69,7 +67,7 @@ class Exchange:
                     found[there[low:high] - first] = piece
             yield found
 
-    def mine(self, whole: Rows | None, rows: Any) -> Floats:
+    def mine(self, whole: Rows | None, rows: Any) -> Array:
         """Values of this rank's rows, ghosts included; those that are not given are 0 (collective).
 
         Args:
@@ -93,7 +91,7 @@ class Exchange:
             found[here] = window[at[here] - first]
         return found
 
-    def collect(self, values: Floats) -> Iterator[tuple[Any, Floats]]:
+    def collect(self, values: Array) -> Iterator[tuple[Any, Array]]:
         """Yield on rank 0 the values of all ranks' own rows and their places in the whole mesh.
 
         They come rank by rank and a piece at a time. Other ranks send their values and yield
@@ -114,7 +112,7 @@ class Exchange:
                 comm.Recv(piece, rank)
                 yield places[k : k + size], piece
 
-    def hand_out(self, give: Callable[[Any], Floats] | None, shape: tuple[int, ...]) -> Floats:
+    def hand_out(self, give: Callable[[Any], Array] | None, shape: tuple[int, ...]) -> Array:
         """Values of this rank's own rows, from rank 0 (collective).
 
         Args:

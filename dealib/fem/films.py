@@ -10,6 +10,7 @@ from mpi4py import MPI
 import numpy as np
 import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.config.schema import Config
 from dealib.fem.differential import test_fields
 from dealib.fem.groups import Group
@@ -18,7 +19,7 @@ from dealib.fem.newton import Newton
 from dealib.fem.potential import Problem
 from dealib.results import local, stress
 from dealib.results.electrodes import Rings
-from dealib.results.elements import Array, determinant, gradients
+from dealib.results.elements import determinant, gradients
 from dealib.results.margins import Film, layered, mounted_fresh
 from dealib.results.thickness import Columns, edges
 

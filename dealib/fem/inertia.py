@@ -14,14 +14,13 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 from dolfinx.fem import petsc as fem_petsc
 
+from dealib.arrays import Array
 from dealib.fem.generalised_alpha import GeneralisedAlpha, Rates
 from dealib.fem.layout import Layout
 from dealib.fem.potential import Problem
 
-Array = npt.NDArray[np.float64]
 _TONNES = 1e-3  # of a kg
 
 

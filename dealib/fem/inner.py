@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.fem.groups import Group
 from dealib.materials import evolution, softening
 from dealib.materials.branches import Branch
 from dealib.results import local
-from dealib.results.elements import Array
 
 
 class InternalState(NamedTuple):

@@ -9,8 +9,8 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.fem import compat
 from dealib.fem.domain import node_positions
 from dealib.fem.exchange import Exchange
@@ -18,8 +18,6 @@ from dealib.fem.groups import Group
 from dealib.fem.potential import Problem
 from dealib.results.elements import Cell
 from dealib.results.mesh import ResultMesh
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass
@@ -39,7 +37,7 @@ class Layout:
     """
 
     cell: Cell
-    nodes: Floats
+    nodes: Array
     mesh: ResultMesh | None
     exchange: Exchange
     _problem: Problem
@@ -127,7 +125,7 @@ class Layout:
         """Degrees of freedom of the displacement along each axis, (rows, nodes) each."""
         return tuple(dofs[self._cells] for dofs in self._dofs[: self._problem.kinematics.dim])
 
-    def local(self, rows: Any = slice(None)) -> Floats:
+    def local(self, rows: Any = slice(None)) -> Array:
         """Nodal values of rows, ghosts included: (rows, nodes, columns); default of all."""
         w = self._problem.spaces.w.x.array
         if self.exact:
@@ -159,11 +157,11 @@ class Layout:
         return sheet if sheet is not None and sheet.wrinkles else None
 
     @cached_property
-    def _at_quadrature(self) -> Floats:
+    def _at_quadrature(self) -> Array:
         """Shape functions of the nodes at the quadrature points, (points, nodes)."""
         return self.cell.shape(self._wrinkled.reference)[0]
 
-    def _voltages(self) -> Floats:
+    def _voltages(self) -> Array:
         """Voltage across the layer of each row of a sheet, kV."""
         found = []
         for _, sheet in self._problem.sheets:
@@ -171,13 +169,13 @@ class Layout:
             found.append(0.0 if None in sheet.between else low - high)
         return np.array(found)[self._groups]
 
-    def add_normals(self, normals: Floats) -> None:
+    def add_normals(self, normals: Array) -> None:
         """Store directions across films, (rows, points, 3), with the whole mesh (collective)."""
         found = self.gather_cells(normals)
         if self.mesh is not None:
             self.mesh = replace(self.mesh, normals=found)
 
-    def gather(self) -> Floats | None:
+    def gather(self) -> Array | None:
         """Nodal values of the whole mesh, (nodes, columns), on rank 0.
 
         The pressure, which jumps between cells, is averaged at the nodes of each region.
@@ -200,7 +198,7 @@ class Layout:
             self.mesh.average({"p": pressure}, every, {"p": nodal[:, -1]})
         return nodal
 
-    def gather_cells(self, values: Floats) -> Floats | None:
+    def gather_cells(self, values: Array) -> Array | None:
         """Values of the local rows, (rows, ...), for the whole mesh on rank 0."""
         whole = None if self.mesh is None else np.empty((len(self.mesh.cells), *values.shape[1:]))
         for rows, piece in self.exchange.collect(values):
@@ -208,7 +206,7 @@ class Layout:
             whole[rows] = piece
         return whole
 
-    def scatter(self, values: Floats | None) -> None:
+    def scatter(self, values: Array | None) -> None:
         """Set the state from nodal values of the whole mesh on rank 0 (inverse of `gather`).
 
         The pressure is fitted in each cell to its nodal averages, as a start for Newton's method.

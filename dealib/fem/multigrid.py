@@ -7,14 +7,12 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-import numpy.typing as npt
 
+from dealib.arrays import Indices
 from dealib.device.records import MOUNT, TERMINAL
 from dealib.fem import compat
 from dealib.fem.problem import Problem
 from dealib.fem.system import System
-
-Ints = npt.NDArray[np.int32]
 
 EVENT = PETSc.Log.Event("dealib multigrid")
 _PREFIX = "dealib_multigrid_"
@@ -115,7 +113,7 @@ class Multigrid:
                 block.add(self._rest, found)
 
 
-def _components(problem: Problem) -> Ints:
+def _components(problem: Problem) -> Indices:
     """Node of each local displacement, times the number of components, plus its component."""
     W, dim = problem.spaces.W, problem.kinematics.dim
     parts = [compat.cell_dofs(W.sub(0).sub(k)) for k in range(dim)]

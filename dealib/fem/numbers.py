@@ -15,13 +15,13 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.config.schema import Config
 from dealib.device.device import Device
 from dealib.device.drawing import Drawing
 from dealib.errors import ConfigError, DealibError
 from dealib.fem.potential import Problem
 from dealib.fem.problem import problem_on
-from dealib.results.elements import Array
 
 _OUTSIDE = ("program", "limits", "sensing", "stop_when")  # sections that no equation reads
 

@@ -13,10 +13,9 @@ from math import factorial
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from numpy.polynomial import Polynomial
 
-Array = npt.NDArray[np.float64]
+from dealib.arrays import Array
 
 _TERMS = 30  # of series in the squared angle, exact to rounding up to two turns
 _SINE, _COSINE = (

@@ -8,8 +8,8 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.config.probes import Probe
 from dealib.errors import ValueAt
 from dealib.fem import compat
@@ -18,7 +18,7 @@ from dealib.fem.problem import Problem
 from dealib.fem.viscous import Viscosity
 from dealib.observe.local_quantities import Here, local_quantities
 from dealib.results import local, stress
-from dealib.results.elements import Array, Cell, determinant
+from dealib.results.elements import Cell, determinant
 
 _INSIDE = 1e-9  # how far outside its reference cell a point still counts as inside
 
@@ -205,7 +205,7 @@ class Probes:
         return [_Spots(cells, reference[None], points, np.ones((1, 1)), material, group)]
 
 
-def _area(tangents: Array) -> npt.NDArray[np.float64]:
+def _area(tangents: Array) -> Array:
     """Length or area that one or two tangents span, (...), from (..., axes, 1 or 2)."""
     if tangents.shape[-1] == 1:
         return np.asarray(np.linalg.norm(tangents[..., 0], axis=-1))

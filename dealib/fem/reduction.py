@@ -16,10 +16,9 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
+from dealib.arrays import Array, Complex
+
 Factors = dict[str, complex]
 _TOLERANCE = 1e-9  # relative error of the checked values
 _NONE = 1e-15  # checked value over the largest one below which it counts as zero

@@ -19,6 +19,7 @@ import numpy as np
 from dolfinx import fem
 from ufl.core.expr import Expr
 
+from dealib.arrays import Array
 from dealib.config.follow import crossed
 from dealib.config.schema import Config
 from dealib.device.device import Device
@@ -32,7 +33,6 @@ from dealib.fem.potential import Problem
 from dealib.fem.problem import EnergyTerms, groups_of, problem_on
 from dealib.fem.timings import Timings
 from dealib.materials.law import Law
-from dealib.results.elements import Array
 
 _MOST = 50_000  # unknowns above which set-up is a small part of the time and takes much memory
 _ON_AXIS = 1e-9  # distance from the axis over the span

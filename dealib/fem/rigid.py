@@ -8,14 +8,13 @@ from typing import Any
 from mpi4py import MPI
 
 import numpy as np
-import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.device.kinematics import Kinematics
 from dealib.device.records import MOUNT, TURN
 from dealib.fem.layout import Layout
 from dealib.fem.problem import Problem
 
-Array = npt.NDArray[np.float64]
 _HELD = 1e-9  # smallest over largest eigenvalue of the constraints on rigid motions
 
 

@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.config.schema import Config
 from dealib.device.device import Device
 from dealib.device.records import TERMINAL, Port
@@ -23,7 +24,6 @@ from dealib.fem.probes import Probes
 from dealib.fem.viscous import Viscosity
 from dealib.results import stress
 from dealib.results.electrodes import Rings
-from dealib.results.elements import Array
 from dealib.results.margins import principal_stretch, smallest
 
 

@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.device.records import MOUNT, TURN
 from dealib.fem.assembly import Assembler
 from dealib.fem.charging import Charging
@@ -98,7 +98,7 @@ class System:
             self.problem.set_values(self.map.port_values(q))
         self.problem.settle()
 
-    def field_norms(self, vector: Any) -> npt.NDArray[np.float64]:
+    def field_norms(self, vector: Any) -> Array:
         """Euclidean norm of a reduced vector by field, without the ports."""
         mine = vector.array_r[: len(self.map.field)]
         sums = np.bincount(self.map.field, weights=mine**2, minlength=len(FIELDS))

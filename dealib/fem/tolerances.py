@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.device.records import CHAMBER, MOUNT, TERMINAL, TURN
 from dealib.fem.constraints import FIELDS
 from dealib.fem.port_law import PortLaw
@@ -34,10 +34,10 @@ class Tolerances:
         steps: Largest negligible step of each field, (fields,): mm, kV, mm, MPa.
     """
 
-    fields: npt.NDArray[np.float64]
+    fields: Array
     values: float
     duals: Mapping[str, float]
-    steps: npt.NDArray[np.float64]
+    steps: Array
 
     @classmethod
     def of(cls, problem: Problem) -> Tolerances:

@@ -10,6 +10,7 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.fem import compat
 from dealib.fem.inner import CellGroup, InternalState
 from dealib.fem.layout import Layout
@@ -17,7 +18,7 @@ from dealib.fem.problem import Problem
 from dealib.materials import evolution
 from dealib.materials.branches import Branch
 from dealib.results import local
-from dealib.results.elements import Array, Cell
+from dealib.results.elements import Cell
 from dealib.results.rows import Rows, Stream, Transferred
 
 _INSTANT, _LONG = 1e-12, 1e12  # step over relaxation time: nothing relaxes, everything does

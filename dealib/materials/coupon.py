@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.materials.evolution import EVOLUTIONS, Evolution, Network, inverted, weights
 from dealib.materials.law import Law, invariants_of_stretches
 from dealib.materials.softening import Mullins, PermanentSet, softening
-
-Array = npt.NDArray[np.float64]
 
 # exponent of the second stretch, and number of directions that are loaded
 MODES = {"uniaxial": (-0.5, 1), "equal-biaxial": (1.0, 2), "pure shear": (0.0, 1)}

@@ -9,13 +9,12 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.materials.law import Invariants
 from dealib.materials.laws import Law, invariants_of_stretches
 from dealib.materials.prestretch import bracket, thickness_stretch
 
-Array = npt.NDArray[np.float64]
 _LARGEST = 10.0  # stretch up to which stability is examined
 
 

@@ -9,15 +9,14 @@ from __future__ import annotations
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
+from dealib.arrays import Array
 from dealib.materials.evolution import EVOLUTIONS, inverted, unimodular
 from dealib.materials.functions import erf, exp, positive
 from dealib.materials.law import Invariants, Law
 from dealib.units import Stress
 
-Array = npt.NDArray[np.float64]
 _PIECES = 16  # into which the path between two states is divided
 
 

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from dealib.arrays import Array
+
 Evaluate = Callable[[Array], tuple[Array, Array]]
 
 # plane metrics: 1 component in plane strain, 2 with known principal directions, 3 in general

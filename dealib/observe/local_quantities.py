@@ -7,11 +7,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.device.kinematics import Kinematics
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.errors import ConfigError
 from dealib.files import whole
 from dealib.plots.contours import Painted, frame, magnification, paint, scale, scale_note
@@ -20,7 +21,6 @@ from dealib.plots.shape import LayerShape
 from dealib.plots.style import Theme
 from dealib.plots.views import Scene
 from dealib.results import stages
-from dealib.results.elements import Array
 from dealib.results.quantities import FieldQuantity, main_stress, quantity
 from dealib.results.reader import Run
 from dealib.results.summary import drive, moment, motion, under_voltage

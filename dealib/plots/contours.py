@@ -11,10 +11,10 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import ListedColormap, Normalize, TwoSlopeNorm
 from matplotlib.tri import Triangulation
 
+from dealib.arrays import Array
 from dealib.plots.labels import plain
 from dealib.plots.shape import LayerShape
 from dealib.plots.style import Theme
-from dealib.results.elements import Array
 from dealib.results.quantities import FieldQuantity
 
 # which ends of the colour bar are pointed, by whether values are below or above the scale

@@ -8,12 +8,10 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.plots.labels import plain
 from dealib.plots.style import save, theme
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.plots.contours import magnification, scale_note
 from dealib.plots.shape import LayerShape
-from dealib.results.elements import Array
 from dealib.results.quantities import FieldQuantity
 
 TURN = 270.0  # degrees by which a section is turned to a body of revolution

@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.patches import Patch
 
+from dealib.arrays import Array
 from dealib.device import msh
 from dealib.device.laminate import JOIN, Laminate
-from dealib.device.msh import Array
 from dealib.errors import ConfigError
 from dealib.plots.labels import plain
 

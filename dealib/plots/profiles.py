@@ -7,10 +7,10 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.errors import ConfigError, by_caller
 from dealib.plots.labels import plain
 from dealib.plots.shape import LayerShape, drawn
-from dealib.results.elements import Array
 from dealib.results.quantities import SURFACE_CHARGE, FieldQuantity
 from dealib.results.sampling import LayerStrip
 

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.errors import PlatformError
 from dealib.plots.contours import Scale
-from dealib.results.elements import Array
 
 Bodies = list[tuple[Any, str]]  # VTK's data and a colour; empty if it is coloured by values
 

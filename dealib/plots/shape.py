@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from dealib.arrays import Array, Ints
 from dealib.errors import ConfigError
-from dealib.results.elements import Array
 from dealib.results.local import region_materials
-from dealib.results.mesh import Ints, ResultMesh
+from dealib.results.mesh import ResultMesh
 from dealib.results.quantities import FieldQuantity
 from dealib.results.reader import Run
 from dealib.results.sampling import LayerStrip, Sampler

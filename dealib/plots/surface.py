@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dealib.arrays import Array, Ints
 from dealib.plots.shape import LayerShape
-from dealib.results.elements import Array, Cell, Ints
+from dealib.results.elements import Cell
 from dealib.results.sampling import reference_grid
 
 _TURN = 0.75 * 2 * np.pi  # of a body of revolution; the open quarter shows the section

@@ -7,6 +7,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.errors import ConfigError
 from dealib.plots import contours
 from dealib.plots.contours import Scale, magnification, scale
@@ -16,7 +17,6 @@ from dealib.plots.render import PIXELS, Bodies, check_rendering, picture
 from dealib.plots.shape import LayerShape
 from dealib.plots.style import Theme
 from dealib.plots.surface import blocks
-from dealib.results.elements import Array
 from dealib.results.quantities import FieldQuantity
 from dealib.results.sampling import Sampler
 

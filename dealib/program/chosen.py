@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
+from dealib.arrays import Array
 from dealib.config.program import Stage
 from dealib.config.stop import StopWhen
 from dealib.program.engine import Engine
 from dealib.program.history import COUNTS, History, PendingRow, State, numbers
 from dealib.program.knots import InterpolatedRows, share
-from dealib.results.elements import Array
 
 
 def to_halve(met: Sequence[StopWhen], step: float, stage: Stage) -> bool:

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.config.program import Stage
 from dealib.config.stop import StopWhen
 from dealib.errors import ConfigError
@@ -23,7 +24,6 @@ from dealib.program.margins import keep
 from dealib.program.stability import StabilityWatch
 from dealib.program.turns import alone
 from dealib.program.work import LOST, STORED, Two, Work
-from dealib.results.elements import Array
 
 log = logging.getLogger(__name__)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from dealib.results.elements import Array
+from dealib.arrays import Array
 
 TOLERANCE = 1e-5  # of the range of a column
 _NOISE = 1e-9  # of the largest value of a column: what Newton's method leaves of a state

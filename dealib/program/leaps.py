@@ -8,11 +8,12 @@ from mpi4py import MPI
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.device.sheet_kinematics import SheetKinematics
 from dealib.errors import NotConverged
 from dealib.fem.layout import Layout
 from dealib.fem.newton import Newton
-from dealib.results.elements import Array, gradients
+from dealib.results.elements import gradients
 
 _THROUGH_AXIS = "the radius became negative: the body went through its axis"
 _TURNED = "material turned over in one increment, to an unstable state: no motion leads there"

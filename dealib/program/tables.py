@@ -7,16 +7,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.config.case import Case
 from dealib.config.program import Stage
 from dealib.config.schema import Config
 from dealib.device.device import Device
 from dealib.errors import ConfigError, ValueAt, by_caller
 from dealib.units import DIMENSIONS
-
-Grid = npt.NDArray[np.float64]
 
 
 def tables_case(case: Case, fmu: bool = False) -> Case:
@@ -74,7 +72,7 @@ def _check_branches(config: Config, axes: Collection[str], fmu: bool) -> None:
             raise ValueAt(("tables",), f"materials.{name} has branches: {problem}")
 
 
-def _rows(grids: Sequence[Grid]) -> Iterator[tuple[list[float], Grid]]:
+def _rows(grids: Sequence[Array]) -> Iterator[tuple[list[float], Array]]:
     """Values of all variables but the last, and those of the last along a row, alternating."""
     *outer, last = grids
     for row, index in enumerate(np.ndindex(*map(len, outer))):

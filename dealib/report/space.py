@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import to_hex
 
+from dealib.arrays import Array
 from dealib.errors import PlatformError
 from dealib.plots.contours import magnification, scale, scale_note
 from dealib.plots.crests import COLOUR, strokes
@@ -17,7 +18,6 @@ from dealib.plots.shape import LayerShape, drawn, typical_step
 from dealib.plots.style import LIGHT
 from dealib.plots.surface import Patch, blocks, patches, turned_block
 from dealib.plots.views import CONDUCTORS, RIGID
-from dealib.results.elements import Array
 from dealib.results.quantities import FieldQuantity
 from dealib.results.reader import Run
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.files import write_text
-from dealib.results.elements import Array
 
 if TYPE_CHECKING:
     import pandas

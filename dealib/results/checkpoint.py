@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.errors import ConfigError, anew
 from dealib.files import guarded, write_bytes, write_parts
-from dealib.results.elements import Array
 from dealib.results.rows import Stored, Stream
 
 FOLDER, VALUES, STATE, INTERNAL = "checkpoint", "program.json", "state", "internal"

@@ -13,10 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
+from dealib.arrays import Array, Complex
+
 _GAIN = 10.0  # by which an added part must lower the information criterion
 _PEAK = 0.5  # least prominence of a resonance in the logarithm of the losses
 _BESIDE = 1.4  # ratio of frequencies at which the capacitance below and above it is taken

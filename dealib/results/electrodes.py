@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.device.bases import Base
-from dealib.results.elements import Array
 
 
 @dataclass(frozen=True)

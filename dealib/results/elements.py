@@ -11,10 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dealib.arrays import Array, Ints
 from dealib.device.kinematics import by_component
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 # reference corners and edges in VTK's order
 _CORNERS: dict[str, list[tuple[float, ...]]] = {

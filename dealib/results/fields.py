@@ -8,10 +8,10 @@ from functools import partial
 
 import numpy as np
 
+from dealib.arrays import Array, Ints
 from dealib.config.schema import Config
 from dealib.results import local, stress
-from dealib.results.elements import Array
-from dealib.results.mesh import Average, Ints, ResultMesh
+from dealib.results.mesh import Average, ResultMesh
 from dealib.results.rows import Rows
 
 _ROOM = 16e6  # bytes of a block of cells

@@ -7,9 +7,8 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from dealib.arrays import Array
 
 
 def nodal(

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.config.schema import Config
 from dealib.device.kinematics import Kinematics
 from dealib.device.sheet_kinematics import SheetKinematics
 from dealib.materials import thickness_stretch
 from dealib.materials.wrinkling import crests, extended
-from dealib.results.elements import Array, Cell, determinant, gradients, inverse, inverted
+from dealib.results.elements import Cell, determinant, gradients, inverse, inverted
 from dealib.results.mesh import ResultMesh
 from dealib.results.stress import Deformation, RegionMaterial
 from dealib.units import EPSILON_0

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.config.schema import Config
 from dealib.materials.branches import Branch
 from dealib.materials.evolution import identity
@@ -18,7 +19,7 @@ from dealib.materials.laws import Law, invariants_of_stretches
 from dealib.materials.prestretch import bracket
 from dealib.materials.response import curvature, softens, stiffness
 from dealib.results import local, stress
-from dealib.results.elements import Array, cross, dot
+from dealib.results.elements import cross, dot
 from dealib.results.mesh import ResultMesh
 from dealib.results.thickness import Columns, edges
 

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from dealib.results.elements import Array, Cell
-
-Ints = npt.NDArray[np.int64]
+from dealib.arrays import Array, Ints
+from dealib.results.elements import Cell
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.device.device import Device
 from dealib.device.kinematics import Kinematics
 from dealib.errors import ConfigError, did_you_mean
-from dealib.results.elements import Array
 from dealib.results.summary import MARGINS
 
 NOISE = 1e-14  # smaller values are rounding, in internal units: at 0 V the field is 1e-19 MV/m

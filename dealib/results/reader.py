@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.errors import ConfigError, did_you_mean, first_line
 from dealib.log import LOGGER
 from dealib.results import store
-from dealib.results.elements import Array
 from dealib.results.history import HISTORY, parse
 from dealib.results.info import INFO, read_info
 from dealib.results.states import StatesReader

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from dealib.results.elements import Array
+from dealib.arrays import Array
 
 ROOM = 2**24  # bytes of the rows that are taken at a time
 

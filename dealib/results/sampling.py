@@ -7,9 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
+from dealib.arrays import Array, Ints
 from dealib.errors import did_you_mean
-from dealib.results.elements import Array, Cell, face
-from dealib.results.mesh import Ints, ResultMesh
+from dealib.results.elements import Cell, face
+from dealib.results.mesh import ResultMesh
 from dealib.results.quantities import NOISE
 
 _AT_ONCE = 1_000_000  # pairs of points and cells

@@ -6,9 +6,10 @@ from itertools import accumulate
 
 import numpy as np
 
+from dealib.arrays import Array, Ints
 from dealib.device.sheet_kinematics import SheetKinematics
-from dealib.results.elements import Array, Cell, determinant, gradients
-from dealib.results.mesh import Ints, ResultMesh
+from dealib.results.elements import Cell, determinant, gradients
+from dealib.results.mesh import ResultMesh
 from dealib.results.reader import Run
 from dealib.results.sampling import LayerStrip
 

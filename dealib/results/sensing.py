@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.errors import ConfigError
 from dealib.results.bias import crossings
-from dealib.results.elements import Array
 
 if TYPE_CHECKING:
     import pandas

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from dealib.results.elements import Array
+from dealib.arrays import Array
 
 DENSITY, SPEED = 1.204e-12, 3.432e5  # of air at 20 degrees, t/mm^3 and mm/s
 _POINTS = 200  # of the quadrature; more if the face is many wavelengths wide

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from dealib.results.mesh import Ints
+from dealib.arrays import Ints
 
 if TYPE_CHECKING:
     import pandas

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.errors import ConfigError, DealibError, first_line
 from dealib.results import store
-from dealib.results.elements import Array
 from dealib.results.history import STAGE, from_columns
 
 if TYPE_CHECKING:

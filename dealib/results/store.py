@@ -17,8 +17,9 @@ import h5py
 import numpy as np
 import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.files import guarded, write_text
-from dealib.results.elements import Array, Cell
+from dealib.results.elements import Cell
 from dealib.results.hdf5 import memory_hdf5, new_hdf5, write_hdf5
 from dealib.results.history import HISTORY
 from dealib.results.info import INFO

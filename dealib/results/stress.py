@@ -12,11 +12,12 @@ from typing import Any
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.materials import Invariants, Law
 from dealib.materials.branches import Branch, Network
 from dealib.materials.evolution import inverted, unpack
 from dealib.materials.softening import Mullins, softening
-from dealib.results.elements import Array, determinant, dot, inverse, metric
+from dealib.results.elements import determinant, dot, inverse, metric
 
 
 @dataclass(frozen=True)

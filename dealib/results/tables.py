@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.device.records import KINDS, PortKind
 from dealib.errors import ConfigError, by_caller
 from dealib.files import whole, write_text
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
     from dealib.results.reader import Run
 
-Array = npt.NDArray[np.float64]
 NAME = "tables"
 POTENTIAL = "potential_mJ"
 _KINDS = {kind.primal.column: kind for kind in KINDS.values()}

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.results import stress
-from dealib.results.elements import Array, Cell, face
+from dealib.results.elements import Cell, face
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
+from dealib.arrays import Array
 from dealib.config.schema import Config
 from dealib.results import paraview, store, xdmf
 from dealib.results.checkpoint import INTERNAL, CheckpointFolder
-from dealib.results.elements import Array
 from dealib.results.fields import Fields, named
 from dealib.results.mesh import ResultMesh
 from dealib.results.rows import Stream, Transferred

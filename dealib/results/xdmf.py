@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.files import guarded, write_text
 from dealib.log import LOGGER
-from dealib.results.elements import Array
 from dealib.results.hdf5 import new_hdf5
 from dealib.results.mesh import ResultMesh
 

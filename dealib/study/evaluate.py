@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.cases.cache import DONE, FAILED, Cache
 from dealib.config.schema import Config
 from dealib.errors import ConfigError, did_you_mean
-from dealib.results.elements import Array
 from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression
 from dealib.study.outcome import Outcome
 from dealib.study.plan import StudyPlan, fill, selected

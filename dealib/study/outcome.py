@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.config.schema import Config
 from dealib.errors import did_you_mean
 from dealib.materials.response import response
 from dealib.results import spectra
-from dealib.results.elements import Array
 from dealib.results.reader import Run
 from dealib.results.sampling import LayerStrip
 from dealib.results.section import RunSection

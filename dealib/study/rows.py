@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from dealib.arrays import Array, Ints
 from dealib.config.schema import Config
 from dealib.device.records import MOUNT, TERMINAL
 from dealib.errors import did_you_mean
-from dealib.results.elements import Array
-from dealib.results.mesh import Ints
 from dealib.study.expressions import Function
 from dealib.study.scope import Work, setting
 

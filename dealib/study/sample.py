@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from dealib.arrays import Array
 from dealib.config.schema import Config
 from dealib.device.kinematics import SPACES, Kinematics
 from dealib.errors import did_you_mean
-from dealib.results.elements import Array
 from dealib.results.local import region_materials
 from dealib.results.quantities import SURFACE_CHARGE, quantities
 from dealib.results.sampling import LayerStrip

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dealib.results.elements import Array
+from dealib.arrays import Array
 from dealib.study.schema import Axis, Window
 
 _ROUNDING = 1e-6  # tolerance at the edges of a window, as a share of its width
