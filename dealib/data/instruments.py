@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
+
+from dealib.arrays import Array
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -75,7 +76,7 @@ def hints(lines: Sequence[str]) -> Hints:
     return Hints(by, decimal, found, ends[min(1, len(ends) - 1)] + 1 if ends else 0)
 
 
-def _steps(first: str, step: str, frame: pd.DataFrame) -> npt.NDArray[np.float64]:
+def _steps(first: str, step: str, frame: pd.DataFrame) -> Array:
     return np.asarray(_number(first) + _number(step) * np.arange(len(frame)), dtype=np.float64)
 
 

@@ -8,7 +8,7 @@ fields are written once. UFL and numpy read the same description.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -28,12 +28,14 @@ class Kinematics:
         multiple: Volume of the whole device over that of the mesh: the width in plane strain, 2 pi
             times the radius (which is left to the methods) in a body of revolution, the number of
             symmetric parts in 3-D.
+        sheet: Whether the mesh is a middle surface.
     """
 
     space: str
     axes: tuple[str, ...]
     components: tuple[str, str, str]
     multiple: float = 1.0
+    sheet: ClassVar[bool] = False
 
     @property
     def dim(self) -> int:
@@ -49,11 +51,6 @@ class Kinematics:
     def lies(self) -> tuple[int, ...]:
         """Numbers of the axes in which the mesh lies."""
         return tuple(range(self.dim))
-
-    @property
-    def sheet(self) -> bool:
-        """Whether the mesh is a middle surface."""
-        return False
 
     @property
     def revolved(self) -> bool:

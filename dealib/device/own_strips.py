@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from dealib.arrays import Array
 from dealib.device.grid import AIR_BOTTOM, AIR_END, AIR_START, AIR_TOP
 from dealib.device.laminate import FRAME_BLOCK, MOUNT_BLOCK
 from dealib.device.records import AIR
@@ -18,8 +18,6 @@ _QUAD, _TRIANGLE = 3, 2  # Gmsh's element types
 _TOLERANCE = 1e-6  # of the outer radius
 _FILM, _TOP, _BOTTOM = "film", "top_electrode", "bottom_electrode"
 _FACES = ("inner", "outer", "film_top", "film_bottom")
-
-Box = npt.NDArray[np.float64]
 
 # optional region -> the key of `geometry` that asks for it
 _SAID_BY = {
@@ -84,7 +82,7 @@ def _problems(model: Any, geometry: AnnularStrips) -> Iterator[str]:
             )
 
 
-def _boxes(model: Any) -> dict[str, Box]:
+def _boxes(model: Any) -> dict[str, Array]:
     """Smallest and largest (R, Z) of each named surface, mm."""
     found = {}
     for _, tag in model.getPhysicalGroups(2):
@@ -93,7 +91,7 @@ def _boxes(model: Any) -> dict[str, Box]:
     return found
 
 
-def _film(got: Box, g: AnnularStrips) -> Iterator[str]:
+def _film(got: Array, g: AnnularStrips) -> Iterator[str]:
     half = g.film_thickness / 2
     wanted = np.array([[g.inner_radius, -half], [g.outer_radius, half]])
     if np.abs(got - wanted).max() > _TOLERANCE * g.outer_radius:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -27,6 +27,7 @@ class SheetKinematics(Kinematics):
     inside: tuple[int, ...] = (0,)
     normal: int = 1
     offset: float = 0.0
+    sheet: ClassVar[bool] = True
 
     @property
     def packed(self) -> int:
@@ -37,11 +38,6 @@ class SheetKinematics(Kinematics):
     def lies(self) -> tuple[int, ...]:
         """See `Kinematics`."""
         return self.inside
-
-    @property
-    def sheet(self) -> bool:
-        """See `Kinematics`."""
-        return True
 
     def volume(self, position: Any) -> Any:
         """See `Kinematics`: the radius is that of the mesh, or of the tube."""

@@ -20,11 +20,11 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-from dolfinx.fem import petsc as fem_petsc
 
 from dealib.arrays import Array
 from dealib.fem.electrodes import electrode_dofs
 from dealib.fem.layout import Layout
+from dealib.fem.pattern import add_form
 from dealib.fem.potential import Problem
 
 _LONG = 1e6  # s, in which any electrode is fully charged
@@ -51,9 +51,7 @@ class Charging:
 
     def assemble(self, matrix: Any) -> None:
         """Add the conductances of the problem's state to a reduced matrix."""
-        map_ = self._map
-        matrix.setLGMap(map_.lgmap(map_.physical), map_.lgmap(map_.columns))
-        fem_petsc.assemble_matrix(matrix, self._problem.form("conductance"))
+        add_form(self._problem, "conductance", matrix)
 
     # --- contributions to the equations ----------------------------------------------------------
 

@@ -6,12 +6,11 @@ Their potential is prescribed at the contact only. See `fem.charging` for chargi
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
-from dolfinx.fem import petsc as fem_petsc
-
 from dealib.fem.electrodes import build_map
-from dealib.fem.pattern import create_matrix
+from dealib.fem.pattern import add_form, create_matrix
 from dealib.fem.system import System
 from dealib.fem.timings import Timings
 
@@ -33,14 +32,8 @@ def resolved(system: System) -> System:
 
 def conductance(system: System) -> Any:
     """Conductances between the unknowns of such a system as a matrix, 1/Gohm (collective)."""
-    problem, map_ = system.problem, system.map
-    form = problem.form("conductance")
-
-    def assemble(matrix: Any) -> None:
-        matrix.setLGMap(map_.lgmap(map_.physical), map_.lgmap(map_.columns))
-        fem_petsc.assemble_matrix(matrix, form)
-
-    matrix = create_matrix(problem, assemble)
+    assemble = partial(add_form, system.problem, "conductance")
+    matrix = create_matrix(system.problem, assemble)
     matrix.zeroEntries()
     assemble(matrix)
     matrix.assemble()

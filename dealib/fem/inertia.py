@@ -14,11 +14,11 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
-from dolfinx.fem import petsc as fem_petsc
 
 from dealib.arrays import Array
 from dealib.fem.generalised_alpha import GeneralisedAlpha, Rates
 from dealib.fem.layout import Layout
+from dealib.fem.pattern import add_form
 from dealib.fem.potential import Problem
 
 _TONNES = 1e-3  # of a kg
@@ -61,11 +61,9 @@ class Inertia:
         Args:
             like: A matrix with the tangent's pattern.
         """
-        map_ = self._map
         matrix = like.duplicate(copy=False)
         matrix.setOption(PETSc.Mat.Option.NEW_NONZERO_ALLOCATION_ERR, False)
-        matrix.setLGMap(map_.lgmap(map_.physical), map_.lgmap(map_.columns))
-        fem_petsc.assemble_matrix(matrix, self._problem.form("mass"))
+        add_form(self._problem, "mass", matrix)
         matrix.assemble()
         return matrix
 

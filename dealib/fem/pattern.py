@@ -1,4 +1,4 @@
-"""Creates the reduced matrix with only those entries that can differ from zero."""
+"""Reduced matrices with only those entries that can differ from zero."""
 
 from __future__ import annotations
 
@@ -8,12 +8,26 @@ from typing import Any
 from petsc4py import PETSc
 
 import numpy as np
+from dolfinx.fem import petsc as fem_petsc
 
 from dealib.fem import compat
 from dealib.fem.constraints import ConstraintMap
 from dealib.fem.problem import Problem
 
 _CHUNK = 10_000  # nodes whose neighbours are counted at a time
+
+
+def add_form(problem: Problem, form: str, matrix: Any) -> None:
+    """Add a bilinear form to a reduced matrix, which is left to be assembled.
+
+    Args:
+        problem: The problem, at its state.
+        form: Name of the form.
+        matrix: The matrix.
+    """
+    map_ = problem.constraints
+    matrix.setLGMap(map_.lgmap(map_.physical), map_.lgmap(map_.columns))
+    fem_petsc.assemble_matrix(matrix, problem.form(form))
 
 
 def create_matrix(problem: Problem, assemble: Callable[[Any], None]) -> Any:

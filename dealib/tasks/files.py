@@ -22,9 +22,23 @@ _MODELS = {  # kind of file -> module and class of its schema, imported when it 
     "benchmark": ("validation.schema", "Benchmark"),
 }
 KINDS = (*_MODELS, "history")
-_COMMANDS = {
-    "design": "`dealib optimise` and `dealib uncertainty`",
-    "benchmark": "`dealib validate`",
+_PAGES = {  # likewise, module and function of pages that are more than a schema
+    "history": ("observe.reference", "page"),
+    "config": ("config.reference", "reference"),
+    "study": ("study.reference", "reference"),
+}
+_ALL_KEYS = """\
+# All keys of a {of}
+
+Made by `dealib schema --of {name} --reference` from the schema {source}"""
+_SOURCES = {
+    "fit": """that `dealib calibrate` applies.
+The keys of the config that is fitted are in [configs](../REFERENCE.md), those of fits to tests of a
+material alone in [COUPONS.md](COUPONS.md).""",
+    "coupon": """that `dealib calibrate` applies to
+files with `tests`. The laws and their parameters are those of [configs](../REFERENCE.md).""",
+    "design": "of `dealib optimise` and `dealib uncertainty`.",
+    "benchmark": "of `dealib validate`.",
 }
 
 
@@ -54,27 +68,12 @@ def reference(of: str = "config") -> str:
     Raises:
         ConfigError: If there is no such kind.
     """
-    if of == "history":
-        from dealib.observe.reference import page
-
-        return page()
-    if of == "config":
-        return pages.reference()
-    if of == "study":
-        from dealib.study import reference as study
-
-        return study.reference()
-    if of == "fit":
-        from dealib.calibration import reference as fit
-
-        return fit.reference()
-    if of == "coupon":
-        from dealib.calibration import reference as coupon
-
-        return coupon.coupon_reference()
-    model, commands = _model(of), _COMMANDS[of]
-    made = f"Made by `dealib schema --of {of} --reference` from the schema of {commands}."
-    return "\n".join([f"# All keys of a {of}", "", made, *pages.sections(model)]) + "\n"
+    if of in _PAGES:
+        module, name = _PAGES[of]
+        return str(getattr(import_module(f"dealib.{module}"), name)())
+    model, what = _model(of), "coupon fit" if of == "coupon" else of
+    head = _ALL_KEYS.format(of=what, name=of, source=_SOURCES[of])
+    return "\n".join([head, *pages.sections(model)]) + "\n"
 
 
 def _model(of: str) -> type[BaseModel]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -239,10 +238,9 @@ def _write(results: Results, picture: Picture | None, folder: Path) -> str:
 
 def draw_panels(results: Results) -> Picture | None:
     """The panels of a study as SVG and PNG (see `study.panels.draw`)."""
-    with warnings.catch_warnings():
-        # where Debian's and pip's Matplotlib meet, 3-D axes, which are not used here, do not load
-        warnings.filterwarnings("ignore", message="Unable to import Axes3D")
-        from dealib.study.panels import draw
+    import dealib.plots  # noqa: F401 - before Matplotlib, of which it hides a warning
+    from dealib.study.panels import draw
+
     return draw(results)
 
 
