@@ -98,7 +98,6 @@ MADE_WITH = (  # how files are made again, tables of options, arguments of proce
     "observe/reference.py",
     "config/reference.py",
     "config/templates.py",
-    "calibration/reference.py",
     "study/reference.py",
     "study/expressions.py",
 )
