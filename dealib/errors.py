@@ -6,7 +6,9 @@ import difflib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
+
+Place: TypeAlias = tuple[str | int, ...]  # of a key: names, and positions in lists
 
 FAULT = 70  # exit code of an unexpected error: EX_SOFTWARE of sysexits.h
 
@@ -71,7 +73,7 @@ class ValueAt(ValueError):
         message: What is wrong.
     """
 
-    def __init__(self, where: tuple[str | int, ...], message: str) -> None:
+    def __init__(self, where: Place, message: str) -> None:
         super().__init__(where, message)  # all arguments, from which pickle restores the error
         self.where = where
 

@@ -1,7 +1,8 @@
-"""The base of all config sections."""
+"""The bases of config sections, and the values in dumped ones."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, model_validator
@@ -32,3 +33,12 @@ class OneOf(Section):
     def given(self) -> tuple[str, Any]:
         """Name and value of the key that is given."""
         return next((n, v) for n in type(self).model_fields if (v := getattr(self, n)) is not None)
+
+
+def leaves(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted keys and values of a dumped section."""
+    if not isinstance(node, (dict, list, tuple)):
+        yield path, node
+        return
+    for key, value in node.items() if isinstance(node, dict) else enumerate(node):
+        yield from leaves(value, f"{path}.{key}".lstrip("."))

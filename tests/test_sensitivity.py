@@ -11,7 +11,7 @@ from typing import Any
 
 import dealib
 from dealib.design import sensitivity
-from dealib.design.keys import changed, keys
+from dealib.design.keys import keys, moved
 from dealib.design.neighbours import Neighbours
 
 # isort: split
@@ -185,7 +185,7 @@ def whole_runs(case: dealib.Case, of: list[str], name: str, reuse: Reuse) -> dic
     asked = sensitivity._Quantities(case.config, of, None)
 
     def values(step: float) -> dict[str, float]:
-        config = changed(case.config, key, 1 + step)
+        config = moved(case.config, {key: 1 + step})
         simulation = dealib.Simulation(replace(case, config=config), reuse=reuse)
         rows = [state.row for state in simulation]
         return {q: asked.value(q, rows, config) for q in of}
@@ -272,7 +272,7 @@ def test_conditions_end_stages_where_the_config_itself_meets_them():
     (key,) = keys(cut.config, ["program.0.mount.displacement"])
     ends = []
     for sign in (1, -1):
-        other = replace(cut, config=changed(cut.config, key, 1 + sign * 1e-4))
+        other = replace(cut, config=moved(cut.config, {key: 1 + sign * 1e-4}))
         rows = [s.row for s in dealib.Simulation(other) if s.row["stage"] == "push"]
         ends.append(rows[step - 1]["force_N"])
     assert table["derivative"][0] == pytest.approx(-(ends[0] - ends[1]) / 2e-4, rel=1e-6)

@@ -16,7 +16,7 @@ import pandas as pd
 
 from dealib.config.case import Case, resolved
 from dealib.config.schema import Config
-from dealib.design.keys import Key, changed, keys, moved
+from dealib.design.keys import Key, keys, moved
 from dealib.errors import ConfigError, DealibError, first_line
 from dealib.fem.reuse import Reuse
 from dealib.files import write_new
@@ -79,7 +79,7 @@ def sliders(config: Config, wanted: Sequence[str]) -> list[Slider]:
         for k, factors in enumerate((_REACH, [2 - f for f in _REACH])):
             for ends[k] in (*factors, 1.0):
                 try:
-                    changed(config, key, ends[k])
+                    moved(config, {key: ends[k]})
                     break
                 except ConfigError:
                     continue

@@ -21,7 +21,7 @@ from dealib.data.compare import Comparison
 from dealib.data.measured import Measured, measured
 from dealib.data.names import split_unit
 from dealib.data.schema import Selection
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, Place
 from dealib.materials import coupon
 from dealib.units import convert
 
@@ -111,7 +111,7 @@ class CouponPlan:
         self.specimens = [self._read(i, test) for i, test in enumerate(self.coupon.tests)]
 
     def _error(self, index: int, key: str, problem: str) -> ConfigError:
-        where: tuple[str | int, ...] = ("tests", index, *key.split("."))
+        where: Place = ("tests", index, *key.split("."))
         return ConfigError(self.source.message(where, problem, "value"))
 
     def _read(self, index: int, test: Test) -> CouponTest:

@@ -16,7 +16,7 @@ from dealib.config.names import FilePath, Name
 from dealib.config.settings import Destination
 from dealib.config.source import Source
 from dealib.data.schema import Amount, Selection
-from dealib.errors import ConfigError, ValueAt
+from dealib.errors import ConfigError, Place, ValueAt
 from dealib.section import Section
 from dealib.units import convert
 
@@ -161,7 +161,7 @@ class FitPlan:
                 problem = f"the program has no such stage; it has {known}"
                 raise ConfigError(self.source.message(("data", i, "stage"), problem))
 
-    def _load(self, changes: dict[str, Any], where: tuple[str | int, ...]) -> Case:
+    def _load(self, changes: dict[str, Any], where: Place) -> Case:
         try:
             return load(self.base, {**self.fit.set, **changes})
         except ConfigError as error:

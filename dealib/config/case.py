@@ -24,8 +24,7 @@ from dealib.config.source import Source
 from dealib.config.text import dump
 from dealib.config.wave import Wave
 from dealib.device.shapes import MeshShape
-from dealib.errors import ConfigError, ValueAt
-from dealib.reading import no_file
+from dealib.errors import ConfigError, Place, ValueAt
 
 
 @dataclass(frozen=True, repr=False)
@@ -107,7 +106,7 @@ def load(
     if config.library is not None:  # the values of its materials are in the config now
         config = without_library(config)
     for where, file in _files(config):
-        config = _put(config, where, _found(source, where, file))
+        config = _put(config, where, str(source.file(where, file)))
     try:
         if isinstance(config.geometry, MeshShape):
             config.check_device()
@@ -118,7 +117,7 @@ def load(
     return Case(config, source.text, source.path, tuple(pairs), within)
 
 
-def _files(config: Config) -> Iterator[tuple[tuple[str | int, ...], str]]:
+def _files(config: Config) -> Iterator[tuple[Place, str]]:
     """The paths of the keys that name files, and these names."""
     if config.mesh.file is not None:
         yield ("mesh", "file"), config.mesh.file
@@ -131,7 +130,7 @@ def _files(config: Config) -> Iterator[tuple[tuple[str | int, ...], str]]:
                     yield ("program", k, *path, *name, "file"), course.file
 
 
-def _put(node: Any, where: tuple[str | int, ...], value: Any) -> Any:
+def _put(node: Any, where: Place, value: Any) -> Any:
     """A copy of a section with another value at a path."""
     if not where:
         return value
@@ -142,20 +141,6 @@ def _put(node: Any, where: tuple[str | int, ...], value: Any) -> Any:
     changed: Any = dict(node) if isinstance(node, dict) else list(node)
     changed[key] = _put(node[key], tuple(rest), value)
     return changed if isinstance(node, dict) else tuple(changed)
-
-
-def _found(source: Source, where: tuple[str | int, ...], given: str) -> str:
-    """The path of a file that a config names: beside the config, or in the present folder.
-
-    Raises:
-        ConfigError: If there is none.
-    """
-    path = Path(given).expanduser()
-    beside = source.path.parent / path
-    found = beside if beside.exists() else path
-    if not found.exists():
-        raise ConfigError(source.message(where, no_file(given, beside.parent)))
-    return str(found)
 
 
 def _yaml(value: Any) -> str:

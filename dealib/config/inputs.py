@@ -10,10 +10,10 @@ from pydantic import Field, TypeAdapter
 from dealib.config.bias import BiasElement, Element, Masses, Spring
 from dealib.config.chamber import Filled, Gas, Liquid
 from dealib.config.wave import Wave, course
+from dealib.errors import Place
 from dealib.section import OneOf
 from dealib.units import Angle, Charge, Force, Length, Moment, Stress, Voltage, Volume
 
-Path_: TypeAlias = tuple[str | int, ...]
 Course: TypeAlias = tuple[float, ...] | Wave
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ else:
 
 class _Port(OneOf):
     @property
-    def courses(self) -> list[tuple[Path_, Course]]:
+    def courses(self) -> list[tuple[Place, Course]]:
         """Path and course of the given input."""
         name, given = self.given
         if isinstance(given, Spring):
@@ -58,7 +58,7 @@ class MountInput(_Port):
     )
 
     @property
-    def courses(self) -> list[tuple[Path_, Course]]:
+    def courses(self) -> list[tuple[Place, Course]]:
         """See `_Port`."""
         if self.bias is None:
             return super().courses
@@ -88,7 +88,7 @@ class ChamberInput(_Port):
     )
 
     @property
-    def courses(self) -> list[tuple[Path_, Course]]:
+    def courses(self) -> list[tuple[Place, Course]]:
         """See `_Port`."""
         return [] if self.gas or self.liquid else super().courses
 

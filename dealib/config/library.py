@@ -14,10 +14,9 @@ from dealib.config.messages import in_file, problem, validate
 from dealib.config.schema import Config, Name
 from dealib.config.source import Source
 from dealib.config.text import dump, load
-from dealib.errors import ConfigError, ValueAt, did_you_mean
+from dealib.errors import ValueAt, did_you_mean
 from dealib.materials.laws import LAWS
 from dealib.materials.published import OWN, PublishedMaterial
-from dealib.reading import no_file
 from dealib.section import Section
 
 _LAW = TypeAdapter[Any](Material)
@@ -79,11 +78,7 @@ def of_config(source: Source) -> Path | None:
     name = source.tree.get("library")
     if not isinstance(name, str):  # missing, or a wrong type that validation reports later
         return None
-    given = Path(name).expanduser()
-    beside = source.path.parent / given
-    if not (beside.is_file() or given.is_file()):
-        raise ConfigError(source.message(("library",), no_file(name, beside.parent)))
-    return beside if beside.is_file() else given
+    return source.file(("library",), name)
 
 
 def without_library(config: Config) -> Config:

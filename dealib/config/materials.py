@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, Union
 
 from pydantic import BaseModel, BeforeValidator, Field, create_model
 
-from dealib.errors import ValueAt, did_you_mean
+from dealib.errors import Place, ValueAt, did_you_mean
 from dealib.materials.branches import Inelastic
 from dealib.materials.laws import LAWS, Law, invariants_of_stretches
 from dealib.materials.permittivity import RelativePermittivity, StretchPermittivity
@@ -147,7 +147,7 @@ def _or_named(node: dict[str, Any]) -> None:
     )
 
 
-def _moduli(material: Law) -> Iterator[tuple[tuple[str | int, ...], str, float]]:
+def _moduli(material: Law) -> Iterator[tuple[Place, str, float]]:
     """Path, kind and value (MPa) of each modulus of a material."""
     by = None if material.youngs_modulus is None else "youngs_modulus"
     yield (by or material.names()[0],), "shear", material.shear_modulus_at_rest

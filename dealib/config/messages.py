@@ -11,11 +11,10 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from dealib.config.source import Source
-from dealib.errors import ConfigError, ValueAt, by_caller, did_you_mean
+from dealib.errors import ConfigError, Place, ValueAt, by_caller, did_you_mean
 from dealib.reading import shown
 from dealib.units import parse
 
-Loc = tuple[int | str, ...]
 Model = TypeVar("Model", bound=BaseModel)
 
 _EXPECTED = {
@@ -99,7 +98,7 @@ def _refuse_other_kinds(wanted: str, tree: Mapping[str, Any], path: Path) -> Non
 _WRONG_TYPES = ("tuple_type", "dict_type", "string_type")
 
 
-def _other(item: Mapping[str, Any], refused: Mapping[str, Any], where: Loc, tree: Any) -> bool:
+def _other(item: Mapping[str, Any], refused: Mapping[str, Any], where: Place, tree: Any) -> bool:
     """Whether an error comes from an alternative of a union that accepts the value's type.
 
     Args:
@@ -113,11 +112,11 @@ def _other(item: Mapping[str, Any], refused: Mapping[str, Any], where: Loc, tree
     return matches and within[: len(where)] == where
 
 
-def _within(loc: Loc, other: Loc) -> bool:
+def _within(loc: Place, other: Place) -> bool:
     return len(loc) > len(other) and loc[: len(other)] == other
 
 
-def _given(tree: Any, where: Loc, item: Mapping[str, Any]) -> Any:
+def _given(tree: Any, where: Place, item: Mapping[str, Any]) -> Any:
     """The value in the file, which pydantic may have seen only after a conversion."""
     try:
         for part in where:
@@ -205,7 +204,7 @@ def _by_moduli(material: Any, key: str) -> str:
     return f"{said}, here {E / (2 + 2 * nu):.4g} MPa and {E / (3 - 6 * nu):.4g} MPa"
 
 
-def _meant(item: Mapping[str, Any], loc: Loc, model: type[BaseModel]) -> bool:
+def _meant(item: Mapping[str, Any], loc: Place, model: type[BaseModel]) -> bool:
     """Whether an unknown key is a missing one of the same section, misspelt."""
     same = item["loc"][:-1] == loc[:-1]
     return same and _hint(item, model) == f"; did you mean {loc[-1]!r}?"
@@ -231,7 +230,7 @@ def _words(listing: str) -> list[str]:
     ]
 
 
-def in_file(item: Mapping[str, Any], tree: Any) -> Loc:
+def in_file(item: Mapping[str, Any], tree: Any) -> Place:
     """Path in the file: pydantic's location without tags of unions and indices of lone values."""
     where: list[int | str] = []
     node, loc, kind = tree, item["loc"], item["type"]
@@ -278,7 +277,7 @@ def _literals(model: type[BaseModel]) -> set[str]:
     return {a for args in found for a in args if isinstance(a, str)}
 
 
-def _meaning(model: type[BaseModel] | None, loc: Loc) -> str:
+def _meaning(model: type[BaseModel] | None, loc: Place) -> str:
     """Description and example of a missing key."""
     fields = [m.model_fields.get(str(loc[-1])) for m in _models_at(model, loc[:-1])]
     for field in filter(None, fields):

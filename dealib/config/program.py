@@ -14,13 +14,13 @@ from pydantic import (
 )
 
 from dealib.config.follow import Follow
-from dealib.config.inputs import ChamberInput, Input, MountInput, Path_, TerminalInput, TurnInput
+from dealib.config.inputs import ChamberInput, Input, MountInput, TerminalInput, TurnInput
 from dealib.config.names import Cell
 from dealib.config.stop import Condition
 from dealib.config.wave import Wave
 from dealib.device.device import Device
 from dealib.device.records import KINDS, PortKind
-from dealib.errors import ValueAt, did_you_mean
+from dealib.errors import Place, ValueAt, did_you_mean
 from dealib.section import Section
 from dealib.units import Time
 
@@ -114,9 +114,9 @@ class Stage(Section):
         return self.model_copy(update={"steps": self.count, "rows": None})
 
     @property
-    def inputs(self) -> list[tuple[Path_, PortKind, str | None, Input]]:
+    def inputs(self) -> list[tuple[Place, PortKind, str | None, Input]]:
         """Path, kind, name and input of each driven port; the only port of a kind has name None."""
-        found: list[tuple[Path_, PortKind, str | None, Input]] = []
+        found: list[tuple[Place, PortKind, str | None, Input]] = []
         for kind in KINDS.values():
             alone = getattr(self, kind.name)
             found += [((kind.name,), kind, None, alone)] if alone is not None else []
@@ -174,7 +174,7 @@ class Stage(Section):
         if not driven:
             raise ValueAt(("cycles",), "cycles repeat an input of the stage; this one has none")
         for path, name, values in driven:
-            where: Path_ = (*path, *name)
+            where: Place = (*path, *name)
             if isinstance(values, Wave):
                 where, need = ("cycles",), "lists; for more periods of a wave, increase duration"
             elif len(values) == 1:

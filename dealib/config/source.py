@@ -11,10 +11,8 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.reader import ReaderError
 
 from dealib.config.text import TooLarge, load
-from dealib.errors import ConfigError, by_caller
-from dealib.reading import read_text, shown
-
-Path_ = tuple[str | int, ...]
+from dealib.errors import ConfigError, Place, by_caller
+from dealib.reading import no_file, read_text, shown
 
 _MOST = 1_000_000  # largest size of a file, bytes; reading 50,000 bytes takes a second
 
@@ -33,7 +31,7 @@ class Source:
 
     def __init__(self, path: Path, most: int = _MOST, within: str = "") -> None:
         self.path = path
-        self.overridden: dict[Path_, str] = {}
+        self.overridden: dict[Place, str] = {}
         self.text = read_text(path, "config", most)
         try:
             self.tree = load(self.text, "rt")
@@ -60,7 +58,7 @@ class Source:
                 raise ConfigError(self.message((within,), problem))
             self.tree = self.tree[within]
 
-    def _refuse(self, node: Any, where: Path_) -> None:
+    def _refuse(self, node: Any, where: Place) -> None:
         """Refuse tags such as '!x', and expressions that an unquoted comma cuts in two."""
         tag = getattr(getattr(node, "tag", None), "value", None)
         if tag is not None:
@@ -109,7 +107,19 @@ class Source:
             node = node[part]
         self.overridden[tuple(parts)] = assignment
 
-    def message(self, where: Path_, problem: str, at: Literal["key", "value"] = "value") -> str:
+    def file(self, where: Place, given: str) -> Path:
+        """A file that a key names: beside this one, or in the present folder.
+
+        Raises:
+            ConfigError: If there is none.
+        """
+        path = Path(given).expanduser()
+        beside = self.path.parent / path
+        if not (beside.exists() or path.exists()):
+            raise ConfigError(self.message(where, no_file(given, beside.parent)))
+        return beside if beside.exists() else path
+
+    def message(self, where: Place, problem: str, at: Literal["key", "value"] = "value") -> str:
         """A message about a key: its place as `file:line:col` with a caret, or its override.
 
         Where the place is in the file, the overrides are named too: one of them may be the cause.
@@ -132,7 +142,7 @@ class Source:
         line, column = self._position(where, at)
         return self._at(line, column, f"{dotted}: {problem}" if dotted else problem)
 
-    def _in_text(self, where: Path_) -> bool:
+    def _in_text(self, where: Place) -> bool:
         """Whether the deepest key of a path stands in the file."""
         node = self.tree
         for part in where:
@@ -141,7 +151,7 @@ class Source:
             node = node[part]
         return True
 
-    def _position(self, where: Path_, at: str) -> tuple[int, int]:
+    def _position(self, where: Place, at: str) -> tuple[int, int]:
         """Line and column, from 0, of the deepest part of a path that is in the file."""
         node, found = self.tree, (0, 0)
         for depth, part in enumerate(where):

@@ -10,7 +10,7 @@ from typing import Annotated, Any, TypeAlias
 
 from pydantic import BeforeValidator, Field, field_validator
 
-from dealib.errors import ValueAt, did_you_mean
+from dealib.errors import Place, ValueAt, did_you_mean
 from dealib.observe.columns import columns
 from dealib.section import Section
 from dealib.units import factor, split
@@ -107,7 +107,7 @@ Condition: TypeAlias = Annotated[
 def check_conditions(config: Any) -> None:
     """Raise `ValueAt` if a condition names a column that this run does not have."""
     known = columns(config)
-    parts: list[tuple[tuple[str | int, ...], Any]] = [((), config)]
+    parts: list[tuple[Place, Any]] = [((), config)]
     parts += [(("program", i), stage) for i, stage in enumerate(config.program)]
     for where, part in parts:
         for k, condition in enumerate(part.stop_when):

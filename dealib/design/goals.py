@@ -6,8 +6,8 @@ import ast
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from dealib.config.source import Path_
 from dealib.design.plan import DesignPlan
+from dealib.errors import Place
 from dealib.study.expressions import OF_A_HISTORY, Expression
 
 _SIGNS = {ast.LtE: 1, ast.Lt: 1, ast.GtE: -1, ast.Gt: -1}
@@ -79,13 +79,13 @@ def goals(plan: DesignPlan, searched: bool = True) -> Goals:
     """
     design, asked = plan.design, dict(plan.quantities)
 
-    def ask(text: str, where: Path_) -> str:
+    def ask(text: str, where: Place) -> str:
         """Name of the quantity of an expression, which is added to `asked`."""
         if text not in asked:
             asked[text] = plan.expression(text, where)
         return text
 
-    def given(key: str) -> list[tuple[Path_, str]]:
+    def given(key: str) -> list[tuple[Place, str]]:
         """Place and text of the values of a key, which may be one or a list."""
         listed = isinstance(plan.source.tree.get(key), list)
         return [((key, k) if listed else (key,), x) for k, x in enumerate(getattr(design, key))]
@@ -119,7 +119,7 @@ def goals(plan: DesignPlan, searched: bool = True) -> Goals:
     return Goals(asked, tuple(aims), tuple(limits))
 
 
-def _comparisons(plan: DesignPlan, text: str, where: Path_) -> list[tuple[str, int, str]]:
+def _comparisons(plan: DesignPlan, text: str, where: Place) -> list[tuple[str, int, str]]:
     """Left side, sign and right side of each comparison; the sign is 1 for <=, -1 for >=."""
     try:
         node = ast.parse(text.strip(), mode="eval").body
@@ -133,7 +133,7 @@ def _comparisons(plan: DesignPlan, text: str, where: Path_) -> list[tuple[str, i
     return list(zip(sides[:-1], signs, sides[1:], strict=True))
 
 
-def _constant(plan: DesignPlan, text: str, where: Path_) -> float | None:
+def _constant(plan: DesignPlan, text: str, where: Place) -> float | None:
     """Value of an expression that is equal for all designs; None for other expressions."""
     found = Expression(plan.expression(text, where), OF_A_HISTORY)
     try:

@@ -10,14 +10,12 @@ from pydantic import ValidationError
 
 from dealib.config.messages import problem
 from dealib.config.schema import Config
-from dealib.errors import ConfigError, did_you_mean
+from dealib.errors import ConfigError, Place, did_you_mean
 from dealib.units import split
 
 _PHYSICAL = ("geometry", "materials", "terminals", "mounts", "chambers", "damping", "limits")
 _PROGRAM = ("sensing", "physics", "program")
 _TIMES = "duration"  # key that has an effect only if results depend on time
-
-Path_ = tuple[str | int, ...]
 
 
 @dataclass(frozen=True)
@@ -30,7 +28,7 @@ class Key:
         unit: dealib's internal unit; empty for plain numbers.
     """
 
-    path: Path_
+    path: Place
     value: float
     unit: str
 
@@ -76,15 +74,6 @@ def in_time(config: Config) -> bool:
     return flows or any(material.memory for material in config.solids.values())
 
 
-def changed(config: Config, key: Key, factor: float) -> Config:
-    """The config with a number multiplied by a factor.
-
-    Raises:
-        ConfigError: If that is not a valid config.
-    """
-    return moved(config, {key: factor})
-
-
 def moved(config: Config, factors: Mapping[Key, float], also: Mapping[str, Any] = {}) -> Config:
     """The config with some numbers multiplied by factors.
 
@@ -119,7 +108,7 @@ def _tree(config: Config, tree: dict[str, Any]) -> dict[str, Any]:
     return tree | {"materials": found}
 
 
-def _numbers(node: Any, path: Path_ = ()) -> Iterator[Key]:
+def _numbers(node: Any, path: Place = ()) -> Iterator[Key]:
     """Numbers of a dumped config; a list of equal numbers counts as one number."""
     if isinstance(node, dict):
         for name, value in node.items():
@@ -148,7 +137,7 @@ def _quantity(text: str) -> tuple[float, str] | None:
     return (value, unit) if text == f"{value!r} {unit}" else None
 
 
-def _scaled(node: Any, path: Path_, factor: float) -> Any:
+def _scaled(node: Any, path: Place, factor: float) -> Any:
     """A tree with the number at a path multiplied by a factor."""
     if path:
         name, *rest = path

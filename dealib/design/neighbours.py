@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from dealib.config.schema import Config
-from dealib.design.keys import Key, changed
+from dealib.design.keys import Key, moved
 from dealib.errors import ConfigError
 from dealib.fem.compat import free
 from dealib.fem.numbers import Numbers, Sources
@@ -76,7 +76,7 @@ class Neighbours:
 
     def _side(self, sources: Sources, key: Key, factor: float) -> Side:
         base = self._base
-        config = changed(base.case.config, key, factor)
+        config = moved(base.case.config, {key: factor})
         program = tuple(s.model_copy(update={"stop_when": ()}) for s in config.program)
         config = config.model_copy(update={"program": program, "stop_when": ()})  # those of base
         numbers = sources.of(config)

@@ -9,10 +9,10 @@ from typing import Any, Literal
 from dealib.config import Case, load
 from dealib.config.messages import validate
 from dealib.config.schema import Config
-from dealib.config.source import Path_, Source
+from dealib.config.source import Source
 from dealib.design.keys import Key, keys
 from dealib.design.schema import Design, Variable
-from dealib.errors import ConfigError, ValueAt
+from dealib.errors import ConfigError, Place, ValueAt
 from dealib.study.expressions import inlined
 from dealib.study.scope import of_history, setting
 from dealib.units import convert
@@ -94,12 +94,12 @@ class DesignPlan:
             raise self.fault((*where, *error.where), str(error)) from None
 
     def fault(
-        self, where: Path_, problem: str, at: Literal["key", "value"] = "value"
+        self, where: Place, problem: str, at: Literal["key", "value"] = "value"
     ) -> ConfigError:
         """An error that points at a place of the file."""
         return ConfigError(self.source.message(where, problem, at))
 
-    def expression(self, text: str, where: Path_, config: Config | None = None) -> str:
+    def expression(self, text: str, where: Place, config: Config | None = None) -> str:
         """Replace the names of quantities in an expression by their expressions.
 
         Raises:
@@ -143,7 +143,7 @@ class DesignPlan:
         given = variable.changes[str(value)]
         yield from given.items() if isinstance(variable.choices, dict) else [(name, given)]
 
-    def _load(self, changes: dict[str, Any], where: Path_) -> Case:
+    def _load(self, changes: dict[str, Any], where: Place) -> Case:
         at: Literal["key", "value"] = "key" if where[0] == "variables" else "value"
         try:
             return load(self.base, {**self._fixed, **changes})

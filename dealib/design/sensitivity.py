@@ -22,7 +22,7 @@ from dealib.config.case import Case
 from dealib.config.schema import Config
 from dealib.design.keys import in_time, keys
 from dealib.design.neighbours import Neighbours
-from dealib.errors import ConfigError, ValueAt, by_caller, did_you_mean
+from dealib.errors import ConfigError, Place, ValueAt, by_caller, did_you_mean
 from dealib.fem.reuse import Reuse
 from dealib.program.simulation import Simulation
 from dealib.program.work import LOST, STORED
@@ -150,7 +150,7 @@ def refuse(config: Config) -> None:
     """Raise `ValueAt` for a program without sensitivities: they need equilibria at given loads."""
     known = "sensitivities need a program in equilibrium"
     for i, stage in enumerate(config.program):
-        where: tuple[str | int, ...] = ("program", i)
+        where: Place = ("program", i)
         if stage.follow is not None:
             said = "sensitivities need given loads, which states on a branch do not have"
             raise ValueAt((*where, "follow"), said)

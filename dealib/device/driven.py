@@ -18,9 +18,7 @@ from dealib.device.records import (
     Region,
     Support,
 )
-from dealib.errors import ValueAt, did_you_mean
-
-Place = tuple[str | int, ...]
+from dealib.errors import Place, ValueAt, did_you_mean
 
 
 @dataclass(frozen=True)

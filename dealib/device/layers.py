@@ -9,7 +9,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag
 from dealib.device.bases import Base, Rectangle
 from dealib.device.part import Part
 from dealib.device.plan import SQUARE
-from dealib.errors import ValueAt
+from dealib.errors import Place, ValueAt
 from dealib.section import Section
 from dealib.units import Length
 
@@ -32,7 +32,7 @@ class Within(Section):
     )
     radius: Length | None = Field(None, gt=0, description="radius of a circle on a rectangle")
 
-    def part(self, base: Base, solid: bool, where: tuple[str | int, ...]) -> Part:
+    def part(self, base: Base, solid: bool, where: Place) -> Part:
         """The part of a base that this section means.
 
         Args:

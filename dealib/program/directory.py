@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from dealib.results.history import HISTORY
 from dealib.results.info import INFO
 from dealib.results.lock import Lock
 from dealib.results.reader import Run
+from dealib.section import leaves
 
 # keys that may change when a run is resumed, since no equation depends on them (a mesh file is
 # compared by its mesh, not by its path)
@@ -244,19 +244,9 @@ def _no_way(path: Path, problem: str) -> ConfigError:
 
 def _changes(before: Config, now: Config) -> list[str]:
     """Keys of the config that differ from what they were, with both values."""
-    old, new = (dict(_flat(c.model_dump(exclude_none=True))) for c in (before, now))
+    old, new = (dict(leaves(c.model_dump(exclude_none=True))) for c in (before, now))
     return [
         f"{key}: was {old.get(key, 'absent')}, is {new.get(key, 'absent')}"
         for key in dict.fromkeys([*old, *new])
         if old.get(key) != new.get(key) and not key.startswith(_FREE)
     ]
-
-
-def _flat(node: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    items = node.items() if isinstance(node, dict) else enumerate(node)
-    for key, value in items:
-        where = f"{path}{key}"
-        if isinstance(value, (dict, list, tuple)):
-            yield from _flat(value, where + ".")
-        else:
-            yield where, value

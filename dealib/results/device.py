@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from dealib.errors import ConfigError
 from dealib.results.reader import Run
+from dealib.section import leaves
 
 if TYPE_CHECKING:
     from dealib.config.schema import Config
@@ -22,7 +23,7 @@ def check_device(runs: Sequence[Run]) -> None:
         ConfigError: If the devices differ (the message names the keys), or if a material depends on
             its history.
     """
-    first, *others = devices = [dict(_values("", _device(run.config))) for run in runs]
+    first, *others = devices = [_device(run.config) for run in runs]
     for run, device in zip(runs[1:], others, strict=True):
         keys = [k for k in {**first, **device} if first.get(k) != device.get(k)]
         if keys:
@@ -44,14 +45,6 @@ def check_device(runs: Sequence[Run]) -> None:
 
 
 def _device(config: Config) -> dict[str, Any]:
-    return config.model_dump(include=_PARTS, exclude_none=True)
-
-
-def _values(path: str, node: Any) -> Iterator[tuple[str, Any]]:
-    """Dotted keys and values, without the name of a material's entry in the library."""
-    if not isinstance(node, (dict, list, tuple)):
-        yield path, node
-        return
-    for key, value in node.items() if isinstance(node, dict) else enumerate(node):
-        if key != "library":
-            yield from _values(f"{path}.{key}".lstrip("."), value)
+    """Dotted keys and values, without the names of materials' entries in the library."""
+    found = leaves(config.model_dump(include=_PARTS, exclude_none=True))
+    return {key: value for key, value in found if not key.endswith(".library")}

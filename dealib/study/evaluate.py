@@ -11,7 +11,7 @@ import numpy as np
 from dealib.arrays import Array
 from dealib.cases.cache import DONE, FAILED, Cache
 from dealib.config.schema import Config
-from dealib.errors import ConfigError, did_you_mean
+from dealib.errors import ConfigError, Place, did_you_mean
 from dealib.study.expressions import OF_A_CASE, OF_ALL_CASES, Expression
 from dealib.study.outcome import Outcome
 from dealib.study.plan import StudyPlan, fill, selected
@@ -64,7 +64,7 @@ class Results:
         self.plan, self.study, self.statuses = plan, plan.study, tuple(statuses)
         self.cache = cache
         self.outcomes: dict[str, Outcome] = {}
-        self._faults: dict[tuple[str | int, ...], list[str]] = {}
+        self._faults: dict[Place, list[str]] = {}
         for s in statuses:
             if not isinstance(s.case.work, Config):
                 self.outcomes[s.case.label] = Outcome(s.case, None)
@@ -89,7 +89,7 @@ class Results:
                 self._fault(("quantities", name), s.case.label, error)
         return values
 
-    def _fault(self, where: tuple[str | int, ...], label: str, error: Exception) -> None:
+    def _fault(self, where: Place, label: str, error: Exception) -> None:
         self._faults.setdefault(where, []).append(f"case {label!r}: {error}")
 
     @property

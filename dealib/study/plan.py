@@ -21,7 +21,7 @@ from dealib.config.messages import problem, validate
 from dealib.config.names import fault
 from dealib.config.schema import Config
 from dealib.config.source import Source
-from dealib.errors import ConfigError
+from dealib.errors import ConfigError, Place
 from dealib.patience import patience
 from dealib.reading import read_bytes
 from dealib.study import scope
@@ -75,7 +75,7 @@ class StudyPlan:
         """The selected cases."""
         return [case for case in self.cases if selected(case, where)]
 
-    def fault(self, where: tuple[str | int, ...], problem: str) -> ConfigError:
+    def fault(self, where: Place, problem: str) -> ConfigError:
         """An error that points at a place of the study's file."""
         return ConfigError(self.source.message(where, problem))
 

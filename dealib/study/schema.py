@@ -9,14 +9,13 @@ from pydantic import Field, field_validator, model_validator
 
 from dealib.config.materials import Material
 from dealib.config.names import Cell, Name
-from dealib.errors import ValueAt, did_you_mean
+from dealib.errors import Place, ValueAt, did_you_mean
 from dealib.section import Section
 from dealib.units import Length, Time
 
 Limits = tuple[float, float]
 Above0 = Annotated[float, Field(gt=0)]
 Where = dict[str, str | tuple[str, ...]]
-Place = tuple[str | int, ...]
 _WHERE = "only cases with these labels on an axis of `vary`"
 
 

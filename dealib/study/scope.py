@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from dealib.config.schema import Config
 from dealib.device.kinematics import AXISYMMETRIC
-from dealib.errors import did_you_mean
+from dealib.errors import Place, did_you_mean
 from dealib.observe import columns as history
 from dealib.results.quantities import quantities as local_fields
 from dealib.study import sample
@@ -51,7 +51,7 @@ def check(plan: StudyPlan) -> None:
         _check_labels(plan, ("windows", i), window.where)
 
 
-def _check_labels(plan: StudyPlan, part: tuple[str | int, ...], where: Where) -> None:
+def _check_labels(plan: StudyPlan, part: Place, where: Where) -> None:
     """Raise `ConfigError` if a selection names a label that its axis does not have."""
     for axis, given in where.items():
         known = list(dict.fromkeys(case.axes[axis] for case in plan.cases))
@@ -61,7 +61,7 @@ def _check_labels(plan: StudyPlan, part: tuple[str | int, ...], where: Where) ->
                 raise plan.fault((*part, "where", axis), problem)
 
 
-Found = tuple[tuple[str | int, ...], str, Mapping[str, Signature], "list[Planned]"]
+Found = tuple[Place, str, Mapping[str, Signature], "list[Planned]"]
 
 
 def _expressions(plan: StudyPlan) -> Iterable[Found]:

@@ -14,7 +14,7 @@ from dealib.cases.cache import key
 from dealib.config import load
 from dealib.config.messages import validate
 from dealib.config.source import Source
-from dealib.errors import ConfigError, did_you_mean
+from dealib.errors import ConfigError, Place, did_you_mean
 from dealib.reading import read_text
 from dealib.results import spectra
 from dealib.study import scope
@@ -55,7 +55,7 @@ class Definition(StudyPlan):
         judged = any(c.rms is not None and not self.lacks(k) for k, c in curves)
         return bool(self.benchmark.checks) or judged
 
-    def fault(self, where: tuple[str | int, ...], problem: str) -> ConfigError:
+    def fault(self, where: Place, problem: str) -> ConfigError:
         """An error that points at a place of the benchmark's file."""
         head, *rest = where
         return super().fault((_IN_FILE.get(str(head), head), *rest), problem)

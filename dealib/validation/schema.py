@@ -10,7 +10,7 @@ from pydantic import Field, field_validator, model_validator
 
 from dealib.config.band import Band
 from dealib.config.names import Cell, Name
-from dealib.errors import ValueAt, did_you_mean
+from dealib.errors import Place, ValueAt, did_you_mean
 from dealib.section import OneOf, Section
 from dealib.study.expressions import Expression
 from dealib.study.schema import Axis
@@ -169,7 +169,7 @@ class Benchmark(Section):
         return found
 
 
-def _number(given: float | str, known: Mapping[str, float], where: tuple[str | int, ...]) -> float:
+def _number(given: float | str, known: Mapping[str, float], where: Place) -> float:
     if not isinstance(given, str):
         return float(given)
     try:
