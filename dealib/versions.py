@@ -1,10 +1,11 @@
-"""Versions of the packages that results depend on, without importing dolfinx or Gmsh."""
+"""Versions of all that results depend on, without importing dolfinx or Gmsh."""
 
 from __future__ import annotations
 
 import functools
 import hashlib
 import platform
+import subprocess
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -57,6 +58,22 @@ def source() -> str:
         if file.relative_to(root).parts[0] not in _WITHOUT_EFFECT:
             digest.update(file.read_bytes())
     return digest.hexdigest()
+
+
+@functools.cache
+def git_hash() -> str | None:
+    """Commit of the checkout that dealib runs from, if it is one."""
+    try:
+        found = subprocess.run(
+            ["git", "-C", str(Path(__file__).parent), "rev-parse", "HEAD"],
+            capture_output=True,
+            text=True,
+            timeout=60,  # a busy machine may need seconds
+            check=False,
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return found.stdout.strip() if found.returncode == 0 else None
 
 
 def _petsc() -> str:

@@ -21,11 +21,11 @@ import dealib
 from dealib import files
 from dealib.errors import ConfigError, PlatformError
 from dealib.program import run as program_run
-from dealib.program.provenance import git_hash
 from dealib.results import store, xdmf
 from dealib.results.history import HISTORY
 from dealib.results.info import INFO
 from dealib.results.lock import Lock
+from dealib.versions import git_hash
 
 SMALL = Path(__file__).parent / "small.yaml"
 STEPS = 24

@@ -18,9 +18,8 @@ from dealib.errors import ConfigError
 from dealib.fem.differential import port_stiffness
 from dealib.report import facts
 from dealib.results.cycles import cycles
-from dealib.results.device import check_device
 from dealib.results.electrodes import Rings
-from dealib.results.sensing import CapacitanceMap
+from dealib.results.sensing import CapacitanceMap, check_device
 
 SMALL = CONFIGS.parent / "tests" / "small.yaml"
 

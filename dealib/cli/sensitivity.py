@@ -46,12 +46,12 @@ def find_sensitivities(
 
 
 def _draw(path: Path, case: Case) -> Path:
-    from dealib.plots import sensitivity, style
+    from dealib.plots import design, style
 
     target = path.with_suffix(".png")
     with style.theme() as look:
         title = case.config.description or case.config.name
-        style.save(sensitivity.draw(spectra.read(path, "derivative"), title, look), target)
+        style.save(design.draw_sensitivities(spectra.read(path, "derivative"), title, look), target)
     return target
 
 

@@ -245,9 +245,11 @@ def calibrate(
 
     Cases solved before are not solved again.
     """
-    from dealib.cli.calibrate import run_fit
+    from dealib.cli.calibrate import tell
+    from dealib.tasks import fitting
 
-    run_fit(fit, out, cache, jobs, resume=resume, overwrite=overwrite)
+    options = {"resume": resume, "overwrite": overwrite}
+    tell(fitting.calibrate(fit, out, jobs, cache=cache, tell=typer.echo, **options))
 
 
 @app.command()

@@ -31,7 +31,7 @@ def find_uncertainty(
         NotConverged: If too few samples have a result.
         Interrupted: With how to continue.
     """
-    from dealib.plots import style, uncertainty
+    from dealib.plots import design, style
 
     plan = DesignPlan(path)
     given = plan.design.output.directory
@@ -60,7 +60,7 @@ def find_uncertainty(
     with style.theme() as look:
         tables = dict(zip(("samples", "summary", "sobol"), map(spectra.read, files), strict=True))
         title = plan.design.description or plan.name
-        style.save(uncertainty.draw(**tables, title=title, look=look), picture)
+        style.save(design.draw_uncertainty(**tables, title=title, look=look), picture)
     typer.echo("\n".join([*told(found), *map(str, (*files, picture))]))
 
 

@@ -19,12 +19,13 @@ from dealib.config.names import Cell
 from dealib.config.stop import Condition
 from dealib.config.wave import Wave
 from dealib.device.device import Device
-from dealib.device.records import KINDS, PortKind
+from dealib.device.records import KINDS, RIGID, PortKind, not_held
 from dealib.errors import Place, ValueAt, did_you_mean
 from dealib.section import Section
 from dealib.units import Time
 
 _ROWS = 40  # of a cycle with `steps: auto`
+_LOADS = ("force", "mass")  # inputs that hold nothing
 
 
 def _steps(given: object, number: ValidatorFunctionWrapHandler) -> int | str:
@@ -231,3 +232,31 @@ def check_steps(config: Any) -> None:
     if auto and why:
         told = f"auto is for stages in equilibrium: {why[0]}; give a number"
         raise ValueAt(("program", auto[0], "steps"), told)
+
+
+def check_held(program: Sequence[Stage], device: Device) -> None:
+    """Raise `ValueAt` if in some stage nothing holds the device along an axis.
+
+    Whether it may turn depends on where its supports are, which its mesh tells (`fem.rigid`).
+    """
+    loaded = set[str]()
+    _check_axes(device, loaded)
+    for stage in program:
+        for name, given in stage.driven(device).items():
+            (loaded.add if given.given[0] in _LOADS else loaded.discard)(name)
+        if stage.follow is not None:  # it drives both of its ports in its own way
+            loaded.clear()
+        if not stage.dynamic:
+            _check_axes(device, loaded)
+
+
+def _check_axes(device: Device, loaded: set[str]) -> None:
+    axes = device.kinematics.axes
+    for axis in axes[1:] if device.kinematics.revolved else axes:
+        ports = (
+            f"{s.port}.{axis}" if s.kind == RIGID else s.port
+            for s in device.supports
+            if s.quantity == axis
+        )
+        if loaded.issuperset(ports):
+            raise ValueAt(("holds",), not_held(f"along {axis}"))

@@ -10,11 +10,10 @@ from pydantic import Field, model_validator
 
 from dealib.config.bias import check_second_films
 from dealib.config.follow import check_branches
-from dealib.config.held import check_held
 from dealib.config.materials import Material, Materials, check_materials
 from dealib.config.names import Name
 from dealib.config.probes import Probe, check_probes
-from dealib.config.program import Stage, check_inputs, check_steps
+from dealib.config.program import Stage, check_held, check_inputs, check_steps
 from dealib.config.sensing import Sensing, check_sensing
 from dealib.config.settings import Damping, Limits, Mesh, Output, Physics, Solver
 from dealib.config.stop import Condition, check_conditions

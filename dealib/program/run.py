@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+import os
+import platform
 import shlex
 import sys
 import time
@@ -22,7 +24,6 @@ from dealib.fem.reuse import Reuse
 from dealib.log import to_file
 from dealib.program.directory import finished, prepare
 from dealib.program.margins import table
-from dealib.program.provenance import git_hash, identity
 from dealib.program.recorder import Recorder
 from dealib.program.signals import Signals
 from dealib.program.simulation import Simulation, State
@@ -34,7 +35,7 @@ from dealib.results.reader import Run
 from dealib.results.summary import SYMBOLS
 from dealib.results.writer import StepWriter
 from dealib.units import counted
-from dealib.versions import versions
+from dealib.versions import git_hash, versions
 
 log = logging.getLogger(__name__)
 
@@ -172,7 +173,8 @@ def simulate(
         "config": str(case.path),
         "set": list(case.overrides),
         "ranks": comm.size,
-        **identity(),
+        "pid": os.getpid(),  # with the host it tells a killed run from one that is still running
+        "host": platform.node(),
         "git": git_hash(),
         "versions": versions(),
     }

@@ -12,12 +12,18 @@ import numpy as np
 from dealib.arrays import Array
 from dealib.errors import ConfigError
 from dealib.results.bias import crossings
+from dealib.section import leaves
 
 if TYPE_CHECKING:
     import pandas
 
+    from dealib.config.schema import Config
+    from dealib.results.reader import Run
+
 _FEWEST = 6  # displacements at one voltage that make a curve
 _APART = 1e-4  # of the range of displacements: closer states are one
+_PARTS = {"geometry", "mesh", "materials", "physics"}  # the rest is how it is driven and solved
+_TOLD = 4  # differing keys
 
 
 @dataclass(frozen=True)
@@ -212,3 +218,37 @@ class CapacitanceMap:
             off = [np.abs(np.array(ways) - u).min() for u, ways in back]
             found.append((s.voltage, float(max(off, default=np.nan))))
         return found
+
+
+def check_device(runs: Sequence[Run]) -> None:
+    """Check that runs are of one device whose state depends on displacement and voltage alone.
+
+    Raises:
+        ConfigError: If the devices differ (the message names the keys), or if a material depends on
+            its history.
+    """
+    first, *others = devices = [_device(run.config) for run in runs]
+    for run, device in zip(runs[1:], others, strict=True):
+        keys = [k for k in {**first, **device} if first.get(k) != device.get(k)]
+        if keys:
+            told = [
+                f"{k} ({first.get(k, 'not given')}, {device.get(k, 'not given')})"
+                for k in keys[:_TOLD]
+            ]
+            told += [f"{len(keys) - _TOLD} keys more"] if len(keys) > _TOLD else []
+            raise ConfigError(
+                f"no map: {runs[0].directory} and {run.directory} differ in {', '.join(told)}"
+            )
+    for key in devices[0]:
+        if key.endswith((".branches.0.shear_modulus", ".mullins.r", ".permanent_set.energy")):
+            key = key.removesuffix(".0.shear_modulus").removesuffix(".r").removesuffix(".energy")
+            raise ConfigError(
+                f"{runs[0].directory}: no map: {key} make the capacitance depend on what came "
+                "before; run it without them"
+            )
+
+
+def _device(config: Config) -> dict[str, Any]:
+    """Dotted keys and values, without the names of materials' entries in the library."""
+    found = leaves(config.model_dump(include=_PARTS, exclude_none=True))
+    return {key: value for key, value in found if not key.endswith(".library")}

@@ -128,8 +128,7 @@ def sense(runs: Given | Sequence[Given]) -> CapacitanceMap:
     Raises:
         ConfigError: If the sweeps give no map, or the runs differ in their device.
     """
-    from dealib.results.device import check_device
-    from dealib.results.sensing import CapacitanceMap
+    from dealib.results.sensing import CapacitanceMap, check_device
 
     found = as_runs(runs)
     check_device(found)
