@@ -9,9 +9,12 @@ from __future__ import annotations
 import functools
 import math
 import re
+from collections.abc import Iterator
 from contextlib import suppress
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
+from annotated_types import GroupedMetadata
 from pydantic import BeforeValidator, Field, PlainSerializer, WithJsonSchema
 
 from dealib.errors import did_you_mean
@@ -225,21 +228,30 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun if number == 1 else plural}"
 
 
-def _quantity(dimension: str) -> Any:
-    _, example = DIMENSIONS[dimension]
-    return Annotated[
-        float,
-        BeforeValidator(functools.partial(sensible, dimension=dimension)),
-        PlainSerializer(functools.partial(write, dimension=dimension), return_type=str),
-        WithJsonSchema(
-            {
-                "type": "string",
-                "pattern": r"^\s*[-−+]?(\d+\.?\d*|\.\d+)([eE][-−+]?\d+)?\s*\S+",
-                "dimension": dimension,
-                "examples": [example],
-            }
-        ),
-    ]
+@dataclass(frozen=True)
+class Dimension(GroupedMetadata):
+    """What is known of a number that files give with a unit, for pydantic.
+
+    Attributes:
+        name: Key of `DIMENSIONS`.
+    """
+
+    name: str
+
+    def __iter__(self) -> Iterator[Any]:
+        yield BeforeValidator(functools.partial(sensible, dimension=self.name))
+        yield PlainSerializer(functools.partial(write, dimension=self.name), return_type=str)
+        yield WithJsonSchema(self.json_schema)
+
+    @property
+    def json_schema(self) -> dict[str, Any]:
+        """Schema of its texts."""
+        return {
+            "type": "string",
+            "pattern": r"^\s*[-−+]?(\d+\.?\d*|\.\d+)([eE][-−+]?\d+)?\s*\S+",
+            "dimension": self.name,
+            "examples": [DIMENSIONS[self.name][1]],
+        }
 
 
 def list_of(kind: Any) -> Any:
@@ -251,32 +263,20 @@ def list_of(kind: Any) -> Any:
     return Annotated[tuple[kind, ...], Field(min_length=1), listed]
 
 
-if TYPE_CHECKING:
-    Length: TypeAlias = float
-    Time: TypeAlias = float
-    Force: TypeAlias = float
-    Mass: TypeAlias = float
-    Stress: TypeAlias = float
-    Stiffness: TypeAlias = float
-    Voltage: TypeAlias = float
-    Charge: TypeAlias = float
-    Volume: TypeAlias = float
-    ElectricField: TypeAlias = float
-    Resistance: TypeAlias = float
-    Rate: TypeAlias = float
-    Angle: TypeAlias = float
-    Moment: TypeAlias = float
-    Density: TypeAlias = float
-    FlowConductance: TypeAlias = float
-    Frequency: TypeAlias = float
-else:
-    Length, Time, Force, Mass, Stress = map(
-        _quantity, ("length", "time", "force", "mass", "stress")
-    )
-    Stiffness, Voltage, Charge, Volume = map(
-        _quantity, ("stiffness", "voltage", "charge", "volume")
-    )
-    ElectricField, Resistance, Rate = map(_quantity, ("electric field", "resistance", "rate"))
-    Angle, Moment, Density, Frequency, FlowConductance = map(
-        _quantity, ("angle", "moment", "density", "frequency", "flow conductance")
-    )
+Length = Annotated[float, Dimension("length")]
+Time = Annotated[float, Dimension("time")]
+Force = Annotated[float, Dimension("force")]
+Mass = Annotated[float, Dimension("mass")]
+Stress = Annotated[float, Dimension("stress")]
+Stiffness = Annotated[float, Dimension("stiffness")]
+Voltage = Annotated[float, Dimension("voltage")]
+Charge = Annotated[float, Dimension("charge")]
+Volume = Annotated[float, Dimension("volume")]
+ElectricField = Annotated[float, Dimension("electric field")]
+Resistance = Annotated[float, Dimension("resistance")]
+Rate = Annotated[float, Dimension("rate")]
+Angle = Annotated[float, Dimension("angle")]
+Moment = Annotated[float, Dimension("moment")]
+Density = Annotated[float, Dimension("density")]
+Frequency = Annotated[float, Dimension("frequency")]
+FlowConductance = Annotated[float, Dimension("flow conductance")]

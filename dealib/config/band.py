@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, TypeAlias
+from typing import Annotated
 
 from pydantic import Field, model_validator
 
 from dealib.section import Section
 from dealib.units import Frequency, Resistance
 
-if TYPE_CHECKING:
-    Positive: TypeAlias = float
-else:
-    Positive = Annotated[Frequency, Field(gt=0)]
+Positive = Annotated[Frequency, Field(gt=0)]
 
 
 class Band(Section):

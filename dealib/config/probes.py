@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -11,10 +11,7 @@ from dealib.observe.local_quantities import local_quantities
 from dealib.section import Section
 from dealib.units import Length
 
-if TYPE_CHECKING:
-    Position: TypeAlias = tuple[float, ...]
-else:
-    Position = tuple[Length, ...]
+Position = tuple[Length, ...]
 
 
 class Probe(Section):

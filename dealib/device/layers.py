@@ -13,10 +13,7 @@ from dealib.errors import Place, ValueAt
 from dealib.section import Section
 from dealib.units import Length
 
-if TYPE_CHECKING:
-    Span: TypeAlias = tuple[float, float]
-else:
-    Span = tuple[Length, Length]
+Span = tuple[Length, Length]
 
 
 class Within(Section):
