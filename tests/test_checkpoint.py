@@ -151,7 +151,7 @@ def test_a_run_that_is_resumed_twice_has_its_checksums(stopped, tmp_path):
             whole.history[name].to_numpy(), rel=1e-9, abs=1e-12
         )
     saved = CheckpointFolder(stopped).read()
-    for history in (resumed.history, resumed.stored.history):
+    for history in (resumed.history, resumed.states_file.history):
         assert len(history) == len(whole.history)
         assert history_sum(history.to_dict("records")) == saved.history
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
@@ -35,20 +35,6 @@ else:
     Anchor = course(Length, "anchor")
 
 
-class BiasLoad(Protocol):
-    """A force on the mount that depends on its displacement."""
-
-    def load(self, x: float) -> tuple[float, float]:
-        """Force on the mount and its derivative.
-
-        Args:
-            x: Displacement from the anchor, mm.
-
-        Returns:
-            Force in N, and its derivative by x in N/mm.
-        """
-
-
 class Spring(Section):
     """Linear spring between mount and anchor: force = stiffness x (anchor - displacement)."""
 
@@ -58,7 +44,7 @@ class Spring(Section):
     )
 
     def load(self, x: float) -> tuple[float, float]:
-        """See `BiasLoad`."""
+        """Force on the mount in N, and its derivative in N/mm, at x mm from the anchor."""
         return -self.stiffness * x, -self.stiffness
 
 
@@ -70,7 +56,7 @@ class Bistable(Section):
     anchor: Anchor = Field(description="displacement of the mount at its unstable centre")
 
     def load(self, x: float) -> tuple[float, float]:
-        """See `BiasLoad`."""
+        """See `Spring`."""
         s = (x / self.well) ** 2
         return -self.rate * x * (1 - s), -self.rate * (1 - 3 * s)
 
@@ -93,7 +79,7 @@ class Sampled(Section):
         return self.displacement[0], self.displacement[-1]
 
     def load(self, x: float) -> tuple[float, float]:
-        """See `BiasLoad`."""
+        """See `Spring`."""
         first, last = self.reach
         inside = min(max(x, first), last)
         slope = float(self._curve(inside, 1))

@@ -24,6 +24,7 @@ from dealib.errors import Place, ValueAt, did_you_mean
 from dealib.section import Section
 from dealib.units import Time
 
+_KEPT = "input of the stage; keeps its last value if not given"
 _ROWS = 40  # of a cycle with `steps: auto`
 _LOADS = ("force", "mass")  # inputs that hold nothing
 
@@ -66,18 +67,10 @@ class Stage(Section):
         description=f"with `steps: auto`: rows of the history per cycle; default {_ROWS}",
     )
     cycles: int = Field(1, ge=1, description="number of cycles")
-    mount: MountInput | None = Field(
-        None, description="input of the stage; keeps its last value if not given"
-    )
-    terminal: TerminalInput | None = Field(
-        None, description="input of the stage; keeps its last value if not given"
-    )
-    chamber: ChamberInput | None = Field(
-        None, description="input of the stage; keeps its last value if not given"
-    )
-    turn: TurnInput | None = Field(
-        None, description="input of the stage; keeps its last value if not given"
-    )
+    mount: MountInput | None = Field(None, description=_KEPT)
+    terminal: TerminalInput | None = Field(None, description=_KEPT)
+    chamber: ChamberInput | None = Field(None, description=_KEPT)
+    turn: TurnInput | None = Field(None, description=_KEPT)
     mounts: dict[str, MountInput] | None = Field(
         None, description="inputs by name, if there are several mounts"
     )

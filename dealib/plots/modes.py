@@ -22,16 +22,9 @@ from dealib.results.reader import Run
 _AT_ONCE = 8  # modes in one picture
 
 
-def draw_modes(run: Run, step: int, look: Theme, names: Sequence[str] = ()) -> Any:
-    """Draw the shapes of a stored step's modes over the equilibrium.
-
-    Args:
-        run: The run.
-        step: The step.
-        look: Colours.
-        names: Names of modes, such as 'mode2'; by default the first eight.
-    """
-    figure, moved = _scene(run, step, look, names)
+def draw_modes(run: Run, step: int, look: Theme) -> Any:
+    """Draw the shapes of a stored step's first eight modes over the equilibrium."""
+    figure, moved = _scene(run, step, look, ())
     for part, rest, way, values in moved:
         part.move(rest + way, values)
     return figure

@@ -205,7 +205,7 @@ def _take_up(path: Path, case: Case, info: dict[str, Any]) -> Checkpoint | None:
         raise _no_way(path, str(error)) from None
     if len(history) <= saved.step:
         raise _no_way(path, f"{HISTORY} ends before the checkpoint (step {saved.step})")
-    for name, found in ((HISTORY, history), (store.STATES, run.stored.history)):
+    for name, found in ((HISTORY, history), (store.STATES, run.states_file.history)):
         known = [] if found is None else found[: saved.step + 1].to_dict("records")
         if history_sum({str(k): v for k, v in row.items()} for row in known) != saved.history:
             remove = "; it is restored if you remove it" if name == HISTORY else ""

@@ -92,10 +92,10 @@ class Run:
         try:
             found = self._csv()
         except ConfigError as error:
-            if self.stored.history is None:
+            if self.states_file.history is None:
                 raise self._without(HISTORY, error) from None
             self._tell(f"{error}; the history is that in {store.STATES}")
-            found = self.stored.history
+            found = self.states_file.history
         if found is None:
             raise ConfigError(f"{self.directory}: no step has converged yet")
         return found
@@ -112,7 +112,10 @@ class Run:
 
     def _csv(self) -> pandas.DataFrame | None:
         """What `history.csv` holds; None if no step has converged."""
-        path, kept = self.directory / HISTORY, self.stored.history  # a run writes the CSV first
+        path, kept = (
+            self.directory / HISTORY,
+            self.states_file.history,
+        )  # a run writes the CSV first
         try:
             found = parse(path, self._columns) if path.is_file() else None
         except (OSError, ValueError) as error:
@@ -135,7 +138,7 @@ class Run:
         try:
             config = read(self.directory / CONFIG)
         except ConfigError as error:
-            kept = self.stored.text(CONFIG)
+            kept = self.states_file.text(CONFIG)
             if not kept:
                 raise self._without(CONFIG, error) from None
             self._tell(f"{first_line(error)}; the config is that in {store.STATES}")
@@ -155,26 +158,26 @@ class Run:
         try:
             return (self.directory / name).read_text(encoding="utf-8")
         except (OSError, ValueError):
-            return self.stored.text(name)
+            return self.states_file.text(name)
 
     @cached_property
-    def stored(self) -> StatesReader:
+    def states_file(self) -> StatesReader:
         """Reads `results.h5`."""
         return StatesReader(self.directory / store.STATES, self._without)
 
-    @property
+    @cached_property
     def mesh(self) -> ResultMesh:
         """Mesh of the stored states.
 
         Raises:
             ConfigError: If `results.h5` is damaged.
         """
-        return self.stored.mesh
+        return self.states_file.mesh
 
     @property
     def stored_steps(self) -> list[int]:
         """Steps whose state is stored, without damaged ones."""
-        found, problem = self.stored.steps()
+        found, problem = self.states_file.steps()
         if problem:
             self._tell(problem)
         return found
@@ -195,7 +198,7 @@ class Run:
             ConfigError: If they are not.
         """
         _ = self.mesh
-        if problem := self.stored.steps(whole=True)[1]:
+        if problem := self.states_file.steps(whole=True)[1]:
             raise ConfigError(problem)
 
     def _without(self, name: str, error: ConfigError) -> ConfigError:
@@ -239,28 +242,31 @@ class Run:
 
         Units are mm, kV and MPa.
         """
-        found = self.stored.array("states", self.stored_steps, index)
+        found = self._stored("states", index)
         assert found is not None
         return found
 
     def states(self, steps: Iterable[int]) -> Iterator[Array]:
         """Nodal values of stored steps, given by their step numbers."""
-        return self.stored.nodal(steps)
+        return self.states_file.nodal(steps)
 
     def internal(self, index: int = -1) -> Array | None:
         """Internal variables at the index-th stored step (see `fields.Fields`); None without."""
-        return self.stored.array("internal", self.stored_steps, index)
+        return self._stored("internal", index)
 
     def modes(self, index: int = -1) -> Array | None:
         """Softest modes, (modes, nodes, axes), if stability is lost at the index-th stored step.
 
         The largest displacement of each mode is 1. None if the step has no modes.
         """
-        return self.stored.array("modes", self.stored_steps, index)
+        return self._stored("modes", index)
 
     def velocity(self, index: int = -1) -> Array | None:
         """Nodal velocity at the index-th stored step, (nodes, axes), mm/s; None at rest."""
-        return self.stored.array("velocity", self.stored_steps, index)
+        return self._stored("velocity", index)
+
+    def _stored(self, group: str, index: int) -> Array | None:
+        return self.states_file.array(group, self.stored_steps, index)
 
     def arrays(self, index: int = -1) -> dict[str, Array]:
         """All nodal fields of the index-th stored step, by name.
