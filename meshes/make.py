@@ -202,6 +202,19 @@ def blister(size: float = 12.0) -> None:
     })  # fmt: skip
 
 
+def roll_up(angle: float, rise: float = 0.0) -> None:
+    """Move a box's nodes (radius, part of the angle, height) to a cylinder or a helix.
+
+    Args:
+        angle: For a second coordinate of 1.
+        rise: The same.
+    """
+    tags, places, _ = gmsh.model.mesh.getNodes()
+    for tag, (r, part, z) in zip(tags, places.reshape(-1, 3), strict=True):
+        t = angle * part
+        gmsh.model.mesh.setNode(tag, [r * cos(t), r * sin(t), z + rise * part], [])
+
+
 def cylinder(around: int = 8, along: int = 16) -> None:
     """A quarter of a cylinder 100 mm long between the radii 19.75 and 20.25 mm.
 
@@ -212,7 +225,7 @@ def cylinder(around: int = 8, along: int = 16) -> None:
         around: Cells in the quarter.
         along: Cells over its length.
     """
-    geo, mesh = gmsh.model.geo, gmsh.model.mesh
+    geo = gmsh.model.geo
     ends = [geo.addPoint(r, 0, 0) for r in (19.75, 19.8, 20.25)]
     lines = [geo.addLine(*pair) for pair in pairwise(ends)]
     for line in lines:
@@ -225,15 +238,8 @@ def cylinder(around: int = 8, along: int = 16) -> None:
         "hinge": [inner], "x0": [found[0][1], found[6][1]], "base": across(2, 0),
         "inside": across(0, 19.75), "outside": across(0, 20.25),
     }  # fmt: skip
-    for name, tags in faces.items():
-        gmsh.model.addPhysicalGroup(2, tags, name=name)
-    gmsh.model.addPhysicalGroup(3, [found[1][1], found[7][1]], name="film")
-    mesh.generate(3)
-    mesh.setOrder(2)
-    tags, places, _ = mesh.getNodes()
-    for tag, (r, turned, z) in zip(tags, places.reshape(-1, 3), strict=True):
-        t = pi / 2 * turned
-        mesh.setNode(tag, [r * cos(t), r * sin(t), z], [])
+    finish([found[1][1], found[7][1]], faces)
+    roll_up(pi / 2)
 
 
 def helix(turns: int = 3, sectors: int = 24, across: int = 4) -> None:
@@ -246,7 +252,7 @@ def helix(turns: int = 3, sectors: int = 24, across: int = 4) -> None:
         sectors: Cells in a turn.
         across: Cells over its height.
     """
-    geo, mesh = gmsh.model.geo, gmsh.model.mesh
+    geo = gmsh.model.geo
     line = geo.addLine(*(geo.addPoint(r, 0, 0) for r in (4.9, 5.1)))
     geo.mesh.setTransfiniteCurve(line, 2)
     base = geo.extrude([(1, line)], 0, 0, 5, [across], recombine=True)[1][1]
@@ -254,16 +260,8 @@ def helix(turns: int = 3, sectors: int = 24, across: int = 4) -> None:
         [(2, base)], 0, turns, 0, [turns * sectors], recombine=True
     )
     geo.synchronize()
-    faces = {"base": base, "outside": outside[1], "inside": inside[1]}
-    for name, face in faces.items():
-        gmsh.model.addPhysicalGroup(2, [face], name=name)
-    gmsh.model.addPhysicalGroup(3, [volume[1]], name="film")
-    mesh.generate(3)
-    mesh.setOrder(2)
-    tags, places, _ = mesh.getNodes()
-    for tag, (r, turned, z) in zip(tags, places.reshape(-1, 3), strict=True):
-        t = 2 * pi * turned
-        mesh.setNode(tag, [r * cos(t), r * sin(t), z + 10 * turned], [])
+    finish([volume[1]], {"base": [base], "outside": [outside[1]], "inside": [inside[1]]})
+    roll_up(2 * pi, 10)
 
 
 def fold(cells: tuple[int, int, int, int] = (2, 12, 5, 3)) -> None:
