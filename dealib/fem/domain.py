@@ -63,6 +63,11 @@ class Domain:
         """Topological dimension."""
         return int(self.mesh.topology.dim)
 
+    @property
+    def drawn_nodes(self) -> Indices:
+        """Number that each local node of the mesh has in the mesh as it was drawn."""
+        return np.asarray(self.mesh.geometry.input_global_indices)
+
     def has(self, name: str) -> bool:
         """Whether the mesh has a region or boundary."""
         return bool(self.tags(name))

@@ -19,7 +19,7 @@ from dealib.fem.newton import Newton
 from dealib.fem.potential import Problem
 from dealib.results import local, stress
 from dealib.results.electrodes import Rings
-from dealib.results.elements import determinant, gradients
+from dealib.results.elements import gradients
 from dealib.results.margins import Film, layered, mounted_fresh
 from dealib.results.thickness import Columns, edges
 
@@ -92,11 +92,9 @@ class FilmPoints:
     @cached_property
     def volumes(self) -> Array:
         """Mounted volume of the device at each point, (cells, points), mm^3."""
-        k, cell, at = self.points.kinematics, self.layout.cell, self.points.position
-        mesh = self.layout.nodes[self.cells][..., list(k.lies)]
-        jacobian = np.swapaxes(mesh, 1, 2)[:, None] @ cell.shape(cell.gauss)[1]
-        size = np.abs(determinant(jacobian)) * k.volumes(at) / len(cell.gauss) * cell.size
-        return np.asarray(size * (self.film.material.thickness or 1.0))
+        k, cell, nodes = self.points.kinematics, self.layout.cell, self.layout.nodes[self.cells]
+        size = local.volumes(k, cell, nodes, cell.gauss, cell.gauss_weight)
+        return size * (self.film.material.thickness or 1.0)
 
     def nodal(self) -> Array:
         """Nodal values of the cells in the current state, (cells, nodes, columns)."""

@@ -142,7 +142,7 @@ class Sources:
             raise ConfigError("the shape is that of mesh.file, not of this number")
         if config.mesh_file is not None:
             return known
-        comm, index = self._problem.domain.comm, self._index
+        comm, index = self._problem.domain.comm, self._problem.domain.drawn_nodes
         if self._drawing is None:
             self._drawing = _drawn(own, comm)
         moved = self._drawing.moved(_drawn(config, comm))
@@ -151,10 +151,6 @@ class Sources:
         if not comm.allreduce(bool(same), op=MPI.LAND):
             raise ConfigError("Gmsh gives the mesh other nodes when it is made again")
         return np.asarray(moved[index])
-
-    @property
-    def _index(self) -> Any:
-        return np.asarray(self._problem.domain.mesh.geometry.input_global_indices)
 
 
 def _shapes(numbers: Numbers) -> tuple[list[Any], list[Any]]:

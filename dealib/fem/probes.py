@@ -18,7 +18,7 @@ from dealib.fem.problem import Problem
 from dealib.fem.viscous import Viscosity
 from dealib.observe.local_quantities import Here, local_quantities
 from dealib.results import local, stress
-from dealib.results.elements import Cell, determinant
+from dealib.results.elements import Cell
 
 _INSIDE = 1e-9  # how far outside its reference cell a point still counts as inside
 
@@ -133,12 +133,11 @@ class Probes:
         for group, material, mine in self._group_of(cells, region):
             nodes = self._layout.nodes[mine]
             at = self._points(nodes, points, material)
-            mesh = nodes[..., list(self._problem.kinematics.lies)]
-            jacobian = np.swapaxes(mesh, 1, 2)[:, None] @ self._layout.cell.shape(points)[1]
-            size = self._problem.kinematics.volumes(at.position) * np.abs(determinant(jacobian))
+            kinematics, cell = self._problem.kinematics, self._layout.cell
+            size = local.volumes(kinematics, cell, nodes, points, weights)
             if region is not None and material.thickness:
                 size = size * material.thickness
-            found.append(_Spots(mine, points, at, size * weights, material, group))
+            found.append(_Spots(mine, points, at, size, material, group))
         return found
 
     def _points(

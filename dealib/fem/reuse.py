@@ -129,7 +129,8 @@ class _Kept:
     @classmethod
     def of(cls, newton: Newton, drawn: _Drawn) -> _Kept | None:
         """Keep a solver before it has solved anything; None if that is not possible."""
-        problem, nodes = newton.system.problem, drawn.nodes[_index(newton)]
+        problem = newton.system.problem
+        nodes = drawn.nodes[problem.domain.drawn_nodes]
         kind, constants = _anatomy(problem)
         constants_read, functions = problem.data
         found = {id(c) for c in constants.values()}
@@ -148,7 +149,7 @@ class _Kept:
             return False
         if _names(config.device) != _names(domain.device) or not drawn.same_cells(self.drawn):
             return False
-        x = drawn.nodes[_index(newton)]
+        x = drawn.nodes[domain.drawn_nodes]
         if not np.array_equal(_on_axis(x), _on_axis(domain.mesh.geometry.x)):
             return False
         there = Domain(config.device, *(getattr(domain, f.name) for f in fields(domain)[1:]))
@@ -165,10 +166,6 @@ class _Kept:
         problem.restart(config, [g.sheet.thickness for g in groups if g.sheet is not None])
         newton.restart()
         return True
-
-
-def _index(newton: Newton) -> Any:
-    return np.asarray(newton.system.problem.domain.mesh.geometry.input_global_indices)
 
 
 def _on_axis(x: Array) -> Any:

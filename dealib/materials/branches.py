@@ -8,16 +8,15 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, Field
 
 from dealib.materials.softening import Mullins, PermanentSet
+from dealib.section import Section
 from dealib.units import Stress, Time
 
 
-class Branch(BaseModel):
+class Branch(Section):
     """A neo-Hookean Maxwell branch; it resists isochoric deformation only."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     shear_modulus: Stress = Field(
         gt=0, description="shear modulus that the branch adds under fast loading"

@@ -10,10 +10,11 @@ from types import SimpleNamespace
 from typing import Any, ClassVar, get_args
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 from pydantic_core import CoreSchema
 
 from dealib.errors import ValueAt
+from dealib.section import Section
 from dealib.units import Stress, parse, split
 
 
@@ -45,10 +46,8 @@ def invariants_of_stretches(l1: Any, l2: Any, l3: Any) -> Invariants:
 _READ: dict[tuple[type, bool], frozenset[str]] = {}  # see `Law.reads`
 
 
-class Law(BaseModel):
+class Law(Section):
     """Base of the laws: strain energy density per unstretched volume, in MPa."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     youngs_modulus: Stress | None = Field(
         None,

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag
+
+from dealib.section import Section
 
 
-class StretchPermittivity(BaseModel):
+class StretchPermittivity(Section):
     """Relative permittivity that depends on stretch: intercept + slope * stretch.
 
     The stretch is sqrt(l1 l2), the square root by which the film's area has grown since its
     unstretched state: the stretch itself when equal-biaxial, lz^(-1/2) when incompressible.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     intercept: float = Field(description="relative permittivity extrapolated to the stretch 0")
     slope: float = Field(description="its change per unit of stretch; negative for most films")

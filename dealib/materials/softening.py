@@ -9,24 +9,23 @@ from __future__ import annotations
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from dealib.arrays import Array
 from dealib.materials.evolution import EVOLUTIONS, inverted, unimodular
 from dealib.materials.functions import erf, exp, positive
 from dealib.materials.law import Invariants, Law
+from dealib.section import Section
 from dealib.units import Stress
 
 _PIECES = 16  # into which the path between two states is divided
 
 
-class Mullins(BaseModel):
+class Mullins(Section):
     """Softening of the law below the largest energy so far: W becomes eta W + phi(eta).
 
     R. W. Ogden, D. G. Roxburgh, Proc. R. Soc. Lond. A 455, 2861-2877 (1999).
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     r: float = Field(ge=1, description="r: the stress falls at most to 1 - 1/r of that of the law")
     m: Stress = Field(
@@ -34,14 +33,12 @@ class Mullins(BaseModel):
     )
 
 
-class PermanentSet(BaseModel):
+class PermanentSet(Section):
     """A second network that breaks and re-forms in the state of stretch while W_max grows.
 
     A. V. Tobolsky's theory of two networks with the evolution of a transient network,
     d(C_i^-1)/dz = C^-1 - C_i^-1, whose clock is z = W_max / energy in place of time.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     evolution: ClassVar[Literal["network"]] = "network"
 
