@@ -173,7 +173,9 @@ def _shapes(part: Any, shapes: list[LayerShape]) -> None:
     for i, shape in enumerate(shapes):
         x, colour = shape.moved()[shape.strips.triangles], COLOURS[i % len(COLOURS)]
         label = _told(shape)
-        axis.add_collection(PolyCollection(list(x), fc=colour, ec=colour, lw=0.3, label=label))
+        # as pixels: an SVG of all cells has 12 MB
+        style: dict[str, Any] = {"fc": colour, "ec": colour, "lw": 0.3, "rasterized": True}
+        axis.add_collection(PolyCollection(list(x), label=label, **style))
     axis.autoscale_view()
     names = shapes[0].kinematics.axes
     axis.set(xlabel=f"{names[0].lower()} (mm)", ylabel=f"{names[1].lower()} (mm)")
