@@ -22,6 +22,8 @@ from dealib.cli.mpi import environment, mpirun
 from dealib.config import Config
 from dealib.errors import ConfigError, ValueAt
 from dealib.fem.response import Response, relaxed_state
+from dealib.plots.response import draw_bode, plt
+from dealib.plots.style import LIGHT
 from dealib.program.modes import ModesWatch, at_rest
 from dealib.program.response import Driver, SpectrumWatch
 from dealib.results import circuit, sound
@@ -537,6 +539,23 @@ def test_the_spectrum_of_the_gallery():
     phase = table["impedance_phase_deg"].to_numpy()
     assert phase[60] == pytest.approx(-89, abs=1.5)
     assert phase[-1] == pytest.approx(-45, abs=3)  # a diffusion
+
+
+@pytest.mark.once
+def test_phases_are_drawn_as_they_are_with_gaps_where_they_jump():
+    """Points are far apart: no turn is added that none of them tells of."""
+    table = pd.DataFrame(
+        {
+            "frequency_Hz": [1.0, 10.0, 100.0, 1000.0],
+            "displacement_mm_per_kV": 1.0,
+            "phase_deg": [-170.0, 170.0, 20.0, -175.0],
+        }
+    )
+    figure = draw_bode(table, "", LIGHT)
+    (line,) = figure.axes[1].lines
+    plt.close(figure)
+    assert line.get_ydata() == pytest.approx([-170, np.nan, 170, 20, np.nan, -175], nan_ok=True)
+    assert np.isfinite(line.get_xdata()).sum() == 4
 
 
 @pytest.mark.once

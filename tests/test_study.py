@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -23,6 +24,7 @@ from dealib.study import sample, sweep
 from dealib.study.evaluate import Results
 from dealib.study.expressions import OF_A_CASE, Expression
 from dealib.study.plan import find, read
+from dealib.tasks import studies
 
 pytestmark = pytest.mark.once  # of histories and fields as they are stored
 ROOT = Path(__file__).parent.parent
@@ -787,8 +789,8 @@ def test_panels_of_a_device_in_space_are_views(tmp_path, monkeypatch):
     assert text.count("no picture here") == 2
 
 
-def test_studies_are_drawn_alike_by_one_process_and_by_two(tmp_path):
-    """A fault in a panel is told as well, whichever process met it."""
+def test_studies_are_drawn_alike_by_one_process_and_by_two(tmp_path, monkeypatch):
+    """A fault in a panel is told as well, whichever process met it, and the end of a process."""
     panels = "columns: 1\npanels:\n" + "".join(
         f"  - {{kind: curves, title: {title}, x: {{value: stretch, label: Stretch}}, "
         f"y: {{value: {value}, label: Stress (MPa)}}}}\n"
@@ -812,3 +814,7 @@ def test_studies_are_drawn_alike_by_one_process_and_by_two(tmp_path):
             (fault,) = one.faults
             assert "panels.1" in fault
             assert "is finite" in fault
+
+    monkeypatch.setattr(studies, "_ignore_interrupt", partial(os._exit, 1))
+    with pytest.raises(PlatformError, match=r"ended, perhaps since memory ran out.*jobs=1 draws"):
+        dealib.run_study(tmp_path, tmp_path / "out3", 2, cache=tmp_path / "cases")

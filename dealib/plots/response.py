@@ -6,6 +6,7 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.ticker import MultipleLocator
 
 from dealib.plots.labels import label, plain
 from dealib.plots.style import DASHES, Theme
@@ -32,19 +33,34 @@ def draw_bode(table: Any, title: str, look: Theme) -> Any:
     ]
     panels = [chosen for chosen in panels if chosen]
     figure, axes = plt.subplots(
-        2, len(panels), figsize=(5.5 * len(panels), 6.6), sharex=True, layout="constrained"
+        2,
+        len(panels),
+        figsize=(5.5 * len(panels), 6.6),
+        sharex=True,
+        squeeze=False,
+        layout="constrained",
     )
     for (upper, lower), chosen in zip(axes.T, panels, strict=True):
         for n, k in enumerate(chosen):  # its phase is the next column
             style = {"color": f"C{n % len(look.lines)}", "ls": DASHES[n // len(look.lines) % 4]}
             upper.loglog(f, table[columns[k]], label=label(columns[k]), **style)
-            lower.semilogx(f, np.unwrap(table[columns[k + 1]], period=360), **style)
+            lower.semilogx(*_broken(f, table[columns[k + 1]]), **style)
         upper.set_ylabel(label(columns[chosen[0]]) if len(chosen) == 1 else "")
         if len(chosen) > 1:
             upper.legend(fontsize="small")
         lower.set(xlabel="Frequency (Hz)", ylabel="Phase (deg)")
+        lower.yaxis.set_major_locator(MultipleLocator(90))
     figure.suptitle(plain(title), fontsize="medium")
     return figure
+
+
+def _broken(f: Any, phase: Any) -> tuple[Any, Any]:
+    """A phase in degrees over the frequency, with a gap where it jumps across 180 degrees.
+
+    To add turns instead would show turns that are wrong where the points are far apart.
+    """
+    jumps = 1 + np.flatnonzero(np.abs(np.diff(phase)) > 180)
+    return np.insert(np.asarray(f, float), jumps, np.nan), np.insert(phase, jumps, np.nan)
 
 
 def draw_nyquist(table: Any, circuit: Circuit, title: str) -> Any:

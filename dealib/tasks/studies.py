@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import repeat
 from multiprocessing import get_context
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from dealib.cases.cache import DONE, Cache
 from dealib.cases.job import Ended
 from dealib.cases.workers import Pool, Watcher, cores, in_ranks
-from dealib.errors import Interrupted, by_caller
+from dealib.errors import Interrupted, PlatformError, by_caller
 from dealib.files import guarded, write_bytes, write_text
 from dealib.log import LOGGER
 from dealib.study import plan as planning
@@ -210,6 +211,11 @@ def _drawing(
     pool = ProcessPoolExecutor(processes, get_context("spawn"), _ignore_interrupt)
     try:
         yield pool.map(_drawn, plans, states, repeat(store))
+    except BrokenProcessPool:
+        raise PlatformError(
+            "a process that draws studies was ended, perhaps since memory ran out; all solved cases"
+            f" are kept; {by_caller('-j 1 draws', 'jobs=1 draws')} in one process"
+        ) from None
     finally:
         pool.shutdown(cancel_futures=True)
 
