@@ -6,7 +6,7 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.ticker import MultipleLocator
+from matplotlib.ticker import MaxNLocator
 
 from dealib.plots.labels import label, plain
 from dealib.plots.style import DASHES, Theme
@@ -49,7 +49,8 @@ def draw_bode(table: Any, title: str, look: Theme) -> Any:
         if len(chosen) > 1:
             upper.legend(fontsize="small")
         lower.set(xlabel="Frequency (Hz)", ylabel="Phase (deg)")
-        lower.yaxis.set_major_locator(MultipleLocator(90))
+        if np.ptp(lower.get_ylim()) > 20:  # parts of a right angle
+            lower.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 1.5, 3, 4.5, 9, 10]))
     figure.suptitle(plain(title), fontsize="medium")
     return figure
 
