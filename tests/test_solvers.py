@@ -5,7 +5,10 @@ from __future__ import annotations
 import functools
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+
+from mpi4py import MPI
 
 import laminates
 import pytest
@@ -14,6 +17,7 @@ from dealib import Case, ConfigError, Simulation, load
 from dealib.config import linear, resolved
 from dealib.config.linear import choose
 from dealib.fem.compat import HAS_HYPRE
+from dealib.fem.domain import build_domain
 
 needs_hypre = pytest.mark.skipif(not HAS_HYPRE, reason="PETSc without hypre")
 ON_TOP = {"plate": {"on": "film.top", "along": "Z", "free": ["X", "Y"]}}
@@ -114,6 +118,17 @@ def test_the_body_s_shape_and_size_choose():
     assert choose(block(physics={"formulation": "mixed"}), 41_000).iterative
     assert choose(thick.model_copy(update={"solver": solver("iterative")}), 100).iterative
     assert not choose(thick.model_copy(update={"solver": solver("direct")}), 1e6).iterative
+
+
+@pytest.mark.once
+def test_a_curved_wall_of_a_mesh_file_is_thin():
+    """The box around a quarter of a cylinder is cubic, its wall of 0.5 mm is not."""
+    config = load(Path(__file__).parent.parent / "configs/published/cylinder.yaml").config
+    sizes = build_domain(config, MPI.COMM_WORLD, None).sizes
+    assert 0.5 < sizes.thickness < 0.8
+    assert sizes.span == pytest.approx(100)
+    assert not choose(config, 41_000, sizes).iterative
+    assert choose(config, 41_000, replace(sizes, thickness=20.0)).iterative
 
 
 def solver(method):

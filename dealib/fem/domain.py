@@ -24,7 +24,7 @@ from dealib.device.sheet_kinematics import SheetKinematics
 from dealib.errors import ConfigError, DealibError
 from dealib.fem import compat
 from dealib.fem.energies import constant
-from dealib.results.elements import Cell
+from dealib.results.elements import Cell, determinant
 
 Groups = tuple[tuple[str, ...], ...]  # of regions that share an energy
 
@@ -142,17 +142,29 @@ class Domain:
         return self.device.sizes or self._measured()
 
     def _measured(self) -> Sizes:
-        """Sizes from the sides of the box around the solids; the smallest is the thickness."""
+        """Sizes from the box around the solids, and from their volume over its largest face.
+
+        That is the thickness of a wall too, which may be curved.
+        """
         x = self.mesh.geometry.x[np.unique(compat.cell_nodes(self.mesh)[self.solids])]
         ends = np.array([x.max(axis=0), -x.min(axis=0)]) if len(x) else np.full((2, 3), -np.inf)
         self.comm.Allreduce(MPI.IN_PLACE, ends, op=MPI.MAX)
         high, low = ends * np.array([[1], [-1]])
         sides = np.sort((high - low)[: self.dim])
+        thickness = self._volume() / float(np.prod(sides[1:]))
         device = self.device.kinematics
         width = device.multiple * (high[0] if device.revolved else 1.0)
         if self.dim == 3:
             width *= sides[1]
-        return Sizes(sides[0], sides[-1], float(width), sides[-1] * width, float(width))
+        return Sizes(thickness, sides[-1], float(width), sides[-1] * width, float(width))
+
+    def _volume(self) -> float:
+        """Volume of the solids, or their area in a plane (collective)."""
+        cell = Cell(compat.cell_name(self.mesh), compat.geometry_order(self.mesh))
+        nodes = compat.cell_nodes(self.mesh)[self.owned(self.solids)][:, cell.basix_order]
+        places = np.swapaxes(self.mesh.geometry.x[nodes, : self.dim], 1, 2)
+        sizes = np.abs(determinant(places[:, None] @ cell.shape(cell.gauss)[1]))
+        return float(self.comm.allreduce(sizes.sum() * cell.gauss_weight))
 
 
 @dataclass
