@@ -91,6 +91,7 @@ def test_example_finds_the_true_values(tmp_path, monkeypatch, capsys):
     assert (out / "parameters.csv").read_text() == before
 
 
+@pytest.mark.once
 def test_derivatives_come_from_the_run_itself(tmp_path, monkeypatch):
     """They are those of differences of whole runs, which take a case a parameter more."""
     text = (FITS / "example.yaml").read_text().replace("../", f"{FITS.parent}/")

@@ -66,6 +66,7 @@ def test_all_is_well():
     assert "unknowns, 4 steps in " in done.stdout
 
 
+@pytest.mark.once
 def test_without_a_compiler_nothing_works():
     done = command("doctor", CC="false")
     assert done.returncode == 4
@@ -76,6 +77,7 @@ def test_without_a_compiler_nothing_works():
     )
 
 
+@pytest.mark.once
 def test_crashing_pictures_and_missing_movies_are_told_and_done_without(tmp_path, monkeypatch):
     (tmp_path / "pyvista.py").write_text("import os\nos.kill(os.getpid(), 11)\n")
     (tmp_path / "av.py").write_text("raise ModuleNotFoundError('no av', name='av')\n")

@@ -145,6 +145,7 @@ def small(**changes: object) -> pd.DataFrame:
     return h[h["stage"] == "move"].reset_index(drop=True)
 
 
+@pytest.mark.once
 def test_a_mass_on_the_film_vibrates_at_the_root_of_stiffness_over_mass():
     h = small(sensing__differential=True)
     stiffness = h["mount_stiffness_N_per_mm"].mean()
@@ -152,6 +153,7 @@ def test_a_mass_on_the_film_vibrates_at_the_root_of_stiffness_over_mass():
     assert frequency == pytest.approx(np.sqrt(stiffness / MASS) / (2 * np.pi), rel=2e-3)
 
 
+@pytest.mark.once
 def test_a_step_of_the_voltage_overshoots():
     """To where the same voltage would hold the plate, by what linear vibrations overshoot."""
     h = history("dynamics/step_response")
@@ -250,6 +252,7 @@ def balloon_motion(steps: int) -> tuple[pd.DataFrame, np.ndarray]:
     return h, 2 / 3 * np.pi * (found.y[0] ** 3 - A**3)
 
 
+@pytest.mark.once
 def test_a_balloon_swells_and_swings_back():
     """Finite motion of an incompressible body under a follower pressure; no step jitters."""
     (coarse, _), (fine, exact) = balloon_motion(50), balloon_motion(100)

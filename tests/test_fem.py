@@ -73,6 +73,7 @@ def test_tangent_is_the_derivative_of_the_residual_with_air():
         )
 
 
+@pytest.mark.once
 def test_air_stiffness_does_not_matter():
     reference = history("benchmark_strip_air", **SMALL)
     for stiffness in ("1e-9 MPa", "1e-3 MPa"):
@@ -161,6 +162,7 @@ def test_changing_parameters_compiles_nothing(monkeypatch):
     assert h["displacement_mm"].iloc[-1] == pytest.approx(-3)
 
 
+@pytest.mark.once
 def test_clamped_device_cycles_and_fringes():
     """Mount and frame blocks: the cycle converges, charge density rises at the electrode ends."""
     h_case = case(

@@ -167,6 +167,7 @@ def _inflated(film: Film, a: float, b: float, pressure: float, voltage: float) -
     return np.array([-found.z[-1], found.volume, found.capacitance])
 
 
+@pytest.mark.once
 def test_annulus_with_chamber():
     """On a chamber at a pressure; and on closed gas, p V constant from its state at rest."""
 

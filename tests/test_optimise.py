@@ -349,6 +349,7 @@ def test_membrane_is_corrected_by_the_solid(tmp_path):
     assert set(alone.table["model"]) == {"solid"}
 
 
+@pytest.mark.once
 def test_slopes_of_a_design_are_those_of_sensitivities():
     case = dealib.load(SMALL, {"physics": "{model: membrane}", "program.1.steps": 4})
     names = ["geometry.film_thickness", "materials.film.prestretch"]

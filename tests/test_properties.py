@@ -87,6 +87,7 @@ def density(energy, F, E=(0.0, 0.0, 0.0)):
 # --- energies ------------------------------------------------------------------------------------
 
 
+@pytest.mark.once
 @given(laws, deformations(), angles, strains, strains)
 def test_frame_indifference(law, F, angle, E_R, E_Z):
     """A rotation after the deformation changes no energy."""
@@ -102,6 +103,7 @@ def test_frame_indifference(law, F, angle, E_R, E_Z):
         assert after == pytest.approx(before, rel=1e-11, abs=1e-13 * law.shear_modulus_at_rest)
 
 
+@pytest.mark.once
 @given(laws, deformations(), angles)
 def test_isotropy(law, F, angle):
     """A rotation before the deformation changes no elastic energy."""
@@ -109,6 +111,7 @@ def test_isotropy(law, F, angle):
     assert after == pytest.approx(before, rel=1e-11, abs=1e-13 * law.shear_modulus_at_rest)
 
 
+@pytest.mark.once
 @given(laws)
 def test_rest_is_free_of_energy_and_stress(law):
     assert density(hyperelastic(law), np.eye(3)) == 0
@@ -118,6 +121,7 @@ def test_rest_is_free_of_energy_and_stress(law):
     assert np.abs(numbers(P)).max() < 1e-13 * law.shear_modulus_at_rest
 
 
+@pytest.mark.once
 @given(laws, st.lists(st.floats(-1, 1), min_size=4, max_size=4))
 def test_energy_grows_from_rest(law, direction):
     """Positive definite at rest: any small strain costs at least that of shear."""
@@ -142,6 +146,7 @@ def test_numpy_stress_is_the_derivative_of_the_energy_of_the_forms(law, F, prest
     assert np.allclose(derived, F @ S, rtol=0, atol=1e-11 * law.bulk_modulus)
 
 
+@pytest.mark.once
 @given(deformations(), strains, strains)
 def test_maxwell_stress_is_the_derivative_of_the_electric_energy(F, E_R, E_Z):
     """J sigma = dW_e/dF F^T at a given nominal field."""

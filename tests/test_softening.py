@@ -102,7 +102,10 @@ def test_more_steps_do_not_change_softening_and_set_converges_with_second_order(
 
 @pytest.mark.parametrize(
     ("sections", "steps", "within"),
-    [pytest.param(None, 96, 1e-4, marks=pytest.mark.slow), (MEMBRANE, 24, 2e-3)],
+    [
+        pytest.param(None, 96, 1e-4, marks=pytest.mark.slow),
+        pytest.param(MEMBRANE, 24, 2e-3, marks=pytest.mark.once),
+    ],
     ids=["solid", "membrane"],
 )
 def test_work_is_stored_or_dissipated(sections, steps, within):

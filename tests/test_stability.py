@@ -143,6 +143,7 @@ def test_the_film_of_the_gallery():
     assert at["voltage_kV"] == pytest.approx(buckling_voltage(5.304 * np.pi**2 / L**2), rel=0.02)
 
 
+@pytest.mark.once
 def test_a_slender_column_buckles_at_euler_s_load():
     """In space, clamped, one end led towards the other.
 

@@ -84,6 +84,7 @@ def test_lines_are_drawn_on_the_crests(line, whole):
     assert told == "true scale; 201.1 mm² wrinkled, lines on the crests"
 
 
+@pytest.mark.once
 def test_they_are_in_the_pictures_and_the_report(line, whole):
     try:
         views.check_rendering()
@@ -102,6 +103,7 @@ def test_they_are_in_the_pictures_and_the_report(line, whole):
     assert [q.name for q in figures.turned(line)] == ["E", "wrinkling", "S_RR", "S_ZZ", "u"]
 
 
+@pytest.mark.once
 def test_the_interactive_view_has_them_and_what_holds_the_film(line, whole):
     for run in (line, whole):
         shape = LayerShape(run)
