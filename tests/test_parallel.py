@@ -26,7 +26,7 @@ from dealib.fem.compat import HAS_HYPRE
 pytestmark = pytest.mark.mpi
 SCRIPT = Path(__file__).with_name("parallel_run.py")
 ROOT = SCRIPT.parent.parent
-PATIENCE = 900  # seconds after which runs hang: where all is busy, ranks wait for each other
+PATIENCE = 900  # seconds without progress: where all is busy, ranks wait for each other
 
 PUSH = "{stage: push, mount: {displacement: -3 mm}, steps: 4}"
 VOLTAGE = "{stage: actuate, terminal: {voltage: 2.5 kV}, steps: 2}"
@@ -130,14 +130,23 @@ def start(ranks: int, *arguments: str | Path) -> subprocess.Popen[str]:
     )
 
 
-def finish(process: subprocess.Popen[str]) -> tuple[int, str]:
-    """Exit code and stderr; fails if the ranks hang."""
-    try:
-        _, errors = process.communicate(timeout=PATIENCE)
-    except subprocess.TimeoutExpired:
-        process.terminate()  # mpirun ends its ranks
-        pytest.fail(f"hangs: {process.args}")
-    return process.returncode, errors
+def finish(process: subprocess.Popen[str], directory: Path | None = None) -> tuple[int, str]:
+    """Exit code and stderr; fails if the ranks hang.
+
+    Args:
+        process: Of mpirun.
+        directory: A folder in which the ranks write while they are at work.
+    """
+    while True:
+        try:
+            _, errors = process.communicate(timeout=PATIENCE)
+        except subprocess.TimeoutExpired:
+            files = directory.rglob("*") if directory else ()
+            if time.time() - max((f.stat().st_mtime for f in files), default=0) < PATIENCE:
+                continue
+            process.terminate()  # mpirun ends its ranks
+            pytest.fail(f"hangs: {process.args}")
+        return process.returncode, errors
 
 
 def write(directory: Path, name: str, config: str, changes: dict[str, object]) -> Path:
@@ -167,9 +176,8 @@ def serial(configs, tmp_path_factory) -> Path:
 def parallel(request, configs, tmp_path_factory) -> Path:
     """Run directories of all cases on a number of ranks."""
     directory = tmp_path_factory.mktemp(f"on{request.param}")
-    code, errors = finish(
-        start(request.param, "-m", "mpi4py", SCRIPT, directory, *configs.values())
-    )
+    ranks = start(request.param, "-m", "mpi4py", SCRIPT, directory, *configs.values())
+    code, errors = finish(ranks, directory)
     assert code == 0, errors
     return directory
 
