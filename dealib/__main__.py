@@ -25,6 +25,7 @@ def main() -> None:
     begin_quickly()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _stop)
+    sys.unraisablehook = _not_lost
     everywhere = False
     try:
         code, everywhere = _command(), True
@@ -48,6 +49,21 @@ def _stop(number: int, frame: FrameType | None) -> None:
     for again in (signal.SIGINT, signal.SIGTERM):
         signal.signal(again, signal.SIG_DFL)
     raise Interrupted(f"stopped by {signal.Signals(number).name}", number)
+
+
+def _not_lost(lost: sys.UnraisableHookArgs) -> None:
+    """Raise an interrupt a moment later that Python could not raise, as within a finaliser."""
+    stop = lost.exc_value
+    if not isinstance(stop, Interrupted):
+        sys.__unraisablehook__(lost)
+        return
+    said, number, everywhere = str(stop), stop.signal, stop.everywhere
+
+    def again(alarm: int, frame: FrameType | None) -> None:
+        raise Interrupted(said, number, everywhere)
+
+    signal.signal(signal.SIGALRM, again)
+    signal.setitimer(signal.ITIMER_REAL, 0.01)
 
 
 def _command() -> int:

@@ -283,6 +283,31 @@ main()
         assert errors.startswith("dealib: stopped by SIGTERM")
 
 
+def test_a_signal_during_a_finaliser_is_answered(folder):
+    """Python prints and drops what a finaliser raises; the interrupt comes again after it."""
+    code = """
+import os, signal, time
+import dealib.__main__ as program
+
+class Finalised:
+    def __del__(self):
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(0.1)
+
+def command():
+    held = [Finalised()]
+    del held
+    time.sleep(60)
+
+program._command = command
+program.main()
+"""
+    job = start(folder, [], code)
+    _, errors = job.communicate(timeout=50)
+    assert job.returncode == 143
+    assert errors == "dealib: stopped by SIGTERM\n"
+
+
 @pytest.mark.parametrize("name", [once("export"), "study", once("sweep"), once("calibrate")])
 def test_sigterm_while_cases_are_solved(folder, name):
     """It ends with how to go on, leaves no process behind, and what is solved is kept."""
