@@ -55,6 +55,9 @@ def shape(strip_run):
         ("newton_iterations", "Newton iterations"),
         ("tip_pressure_kPa", "Tip pressure (kPa)"),
         ("density_mC_per_m2", "Density (mC/m²)"),
+        ("displacement_mm.disc.X", "Displacement of disc.X (mm)"),
+        ("capacitance_pF.left.right", "Capacitance of left and right (pF)"),
+        ("capacitance_pF.left.left", "Capacitance of left (pF)"),
     ],
 )
 def test_columns_have_friendly_labels_with_units(column, text):

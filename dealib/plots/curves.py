@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -21,6 +22,7 @@ from dealib.results.summary import MARGINS, drive, motion, under_voltage
 
 _NOISE = 1e-12  # in the unit of any column
 _TERMINALS = 6  # of a device, of which the overview shows curves
+_LENGTH = 24  # characters that a label of a low panel has room for
 
 
 def overview(runs: Sequence[Run]) -> Any:
@@ -66,7 +68,7 @@ def overview(runs: Sequence[Run]) -> Any:
                 draw_history(second, timed, clock, beside, color="C1", ls="-.")
                 _colour(time, "left", "C0")
                 _colour(second, "right", "C1")
-                second.set_ylabel(label(beside))
+                second.set_ylabel(textwrap.fill(label(beside), _LENGTH))
                 steady(second)
             dash["color"] = "C2"
         if not ports:
@@ -79,7 +81,7 @@ def overview(runs: Sequence[Run]) -> Any:
                 draw_history(capacitance, h, u, own, marker=".", ms=4, **line)
     for axis, x, y in panels:
         axis.set(xlabel=label(x), ylabel=label(y))
-    time.set_ylabel(label(u))
+    time.set_ylabel(textwrap.fill(label(u), _LENGTH))
     lowest = [below, *charges][-1]
     for axis in (time, below, *charges):
         axis.tick_params(labelbottom=axis is lowest)

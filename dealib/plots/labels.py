@@ -50,7 +50,8 @@ def kind(unit: str) -> str:
 def split(column: str) -> tuple[str, str]:
     """Friendly name and unit ('' if there is none) of a column.
 
-    `field_max_MV_per_m` gives ('Peak field', 'MV/m'), `voltage_kV.drive` 'Voltage of drive'.
+    `field_max_MV_per_m` gives ('Peak field', 'MV/m'), `voltage_kV.drive` 'Voltage of drive',
+    `force_N.plate.X` 'Force of plate.X', and `capacitance_pF.a.b` 'Capacitance of a and b'.
     """
     stem, *ports = column.split(".")
     found = _SUFFIX.fullmatch(stem)
@@ -58,7 +59,9 @@ def split(column: str) -> tuple[str, str]:
     unit = re.sub(r"^u|(?<=/)u", "µ", unit.replace("_per_", "/"))
     unit = re.sub("(?<=m)[23]", lambda power: "²³"[int(power[0]) - 2], unit)
     name = _NAMES.get(name, name[:1].upper() + name[1:].replace("_", " "))
-    of = " and ".join(dict.fromkeys(ports))  # a pair of one port with itself is of this port
+    if name == "Capacitance":  # of a pair; of one port with itself it is of this port
+        ports = [" and ".join(dict.fromkeys(ports))] if ports else []
+    of = ".".join(ports)
     return plain(f"{name} of {of}" if of else name), unit
 
 
