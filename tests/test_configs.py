@@ -58,6 +58,7 @@ def test_benchmark_strips(name, tolerance, expected):
     assert h.loc[0, "capacitance_pF"] == pytest.approx(230.31, rel=1e-4)
 
 
+@pytest.mark.once
 def test_softening_is_that_of_the_homogeneous_test():
     """The material of the synthetic coupon tests, in pure shear."""
     way = np.concatenate([[1], *(np.linspace(a, b, 401)[1:] for a, b in itertools.pairwise(WAY))])

@@ -145,7 +145,6 @@ def small(**changes: object) -> pd.DataFrame:
     return h[h["stage"] == "move"].reset_index(drop=True)
 
 
-@pytest.mark.once
 def test_a_mass_on_the_film_vibrates_at_the_root_of_stiffness_over_mass():
     h = small(sensing__differential=True)
     stiffness = h["mount_stiffness_N_per_mm"].mean()
@@ -174,7 +173,8 @@ def test_a_step_of_the_voltage_overshoots():
     assert moving["damped_energy_mJ"].iloc[-1] > 5 * np.ptp(moving["energy_residual_mJ"])
 
 
-@pytest.mark.parametrize("damping", [pytest.param("mass", marks=pytest.mark.once), "stiffness"])
+@pytest.mark.once
+@pytest.mark.parametrize("damping", ["mass", "stiffness"])
 def test_rayleigh_damping(damping):
     """Decay a/2 by the mass, b omega^2 / 2 by the stiffness (its share that bends the film)."""
     free = vibration(small(solver__rho=1))
@@ -266,6 +266,7 @@ def test_a_balloon_swells_and_swings_back():
     assert turns == np.diff(np.sign(np.diff(exact))).astype(bool).sum()
 
 
+@pytest.mark.once
 def test_a_driven_volume_has_a_smooth_pressure():
     """Constraints hold at the end of a step: the pressure that they take does not alternate."""
     h = history(
@@ -296,6 +297,7 @@ def test_enclosed_gas_has_a_smooth_pressure():
     assert np.abs(np.diff(p, 2)).max() < 0.05 * np.ptp(p)
 
 
+@pytest.mark.once
 def test_a_pump_with_valves():
     """What flows is what the chamber takes; through an orifice as Bernoulli and Torricelli say."""
     h = history("dynamics/pump_cycle")

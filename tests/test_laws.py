@@ -239,6 +239,7 @@ def test_ogden_stress_by_hand(l):
     assert bar == pytest.approx(by_hand, rel=1e-4, abs=1e-12)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("alpha", [2, 4, -2, -4])
 @pytest.mark.parametrize("apart", [0.0, 1e-15, 1e-9, 1e-4, 0.1, 0.22, 0.24, 1.0, 5.0])
 def test_ogden_where_stretches_coincide(alpha, apart):
@@ -310,6 +311,7 @@ def test_ogden_limit():
     assert stability_limit(weak, "equal-biaxial") == pytest.approx(l[stress.argmax()], abs=2e-5)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     "formulation", ["displacement", pytest.param("mixed", marks=pytest.mark.slow)]
 )

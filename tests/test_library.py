@@ -90,6 +90,7 @@ def test_command_shows_and_draws_materials(program, tmp_path):
     assert "unknown law or material 'vhb_491'; did you mean 'vhb_4910'?" in wrong.stderr
 
 
+@pytest.mark.once
 def test_elastosil_membrane():
     """The shipped config: capacitance by hand, weight, stroke and field at 3 kV."""
     h = history("elastosil")

@@ -45,6 +45,7 @@ def ring(**sections):
     return rows(config("annulus", layer(thickness="30 um"), **given | sections))
 
 
+@pytest.mark.once
 def test_an_annulus_is_that_of_the_meridian_s_equations():
     film = Film(neo_hooke(G), 0.030, 1.15, EPSILON_0 * EPS)
     for row, voltage in ((-2, 0.0), (-1, 1.5)):
@@ -218,6 +219,7 @@ def test_a_sheared_strip_wrinkles_alike_on_every_mesh():
     assert refined[1] > 1.5 * taut[1] > 50
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     "law",
     [
@@ -285,6 +287,7 @@ def test_a_flat_film_without_tension_bears_nothing_across():
         ring(program=program, materials={"film": RUBBER})
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("model", ["membrane", pytest.param("solid", marks=pytest.mark.slow)])
 def test_branches_relax_in_space_as_at_a_material_point(model):
     """Pulled equally both ways in 1 s, then held: the stress of the one-dimensional solution."""

@@ -223,6 +223,7 @@ def loaded(mass: str, **sections: Any) -> Any:
     return config("annulus", **(given | sections))
 
 
+@pytest.mark.once
 def test_a_mass_on_a_film_under_voltage():
     """As a spring and a mass; stiffer at constant charge, by the share of the capacitances."""
     held = loaded("3 g", sensing={"differential": True})

@@ -29,6 +29,7 @@ def test_config_gives_a_number_or_a_line(tmp_path):
     assert dealib.load(path).config == config
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("normal", range(3))
 @pytest.mark.parametrize("seed", range(5))
 def test_stress_is_the_derivative_of_the_energy(seed, normal):

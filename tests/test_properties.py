@@ -135,6 +135,7 @@ def test_energy_grows_from_rest(law, direction):
     assert curvature > 1.9 * law.shear_modulus_at_rest
 
 
+@pytest.mark.once
 @given(laws, deformations(), st.sampled_from([None, (1.2, 0.7, 1.15)]))
 def test_numpy_stress_is_the_derivative_of_the_energy_of_the_forms(law, F, prestretch):
     """P = F S, S from numpy, P from UFL: the results show what the solver solved."""

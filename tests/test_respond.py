@@ -290,6 +290,7 @@ def test_a_resistive_electrode_is_a_transmission_line(base, contact, electrode, 
         )
 
 
+@pytest.mark.once
 def test_in_three_dimensions_it_is_the_same_line():
     """A strip fed at one end conducts along itself only."""
     tau = 2 * RHO * CAPACITANCE * 0.1**2

@@ -311,6 +311,7 @@ def test_the_stage_of_the_gallery():
 # --- rotation of the whole device ----------------------------------------------------------------
 
 
+@pytest.mark.once
 def test_a_device_that_turns_as_a_whole_feels_nothing():
     """Fixed to nothing else than its mount, it follows that by a third of a turn."""
     turn = 2 * np.pi / 3 * np.array([1.0, 2.0, -2.0]) / 3

@@ -69,6 +69,7 @@ def expected(stretches, mullins=MULLINS, permanent_set=SET, fine=400):
     return P[fine::fine]
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ("given", "within", "sections"),
     [

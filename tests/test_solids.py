@@ -67,6 +67,7 @@ def octant(path: Path, size: float) -> None:
         gmsh.finalize()
 
 
+@pytest.mark.once
 def test_an_octant_of_a_balloon_is_that_of_the_closed_form(tmp_path: Path) -> None:
     """Pressure and charge, up to half as large again, then under voltage at this volume.
 
@@ -88,6 +89,7 @@ def test_an_octant_of_a_balloon_is_that_of_the_closed_form(tmp_path: Path) -> No
     assert states[-1]["pressure_kPa"] < 0.97 * states[-3]["pressure_kPa"]
 
 
+@pytest.mark.once
 def test_a_unimorph_plate_between_walls_is_the_one_in_the_plane() -> None:
     """Held across its width it bends as the strip in plane strain; free, it bends less."""
 

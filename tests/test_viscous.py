@@ -317,6 +317,7 @@ def test_a_look_ahead_leaves_no_trace():
 # --- formulations and ranks ----------------------------------------------------------------------
 
 
+@pytest.mark.once
 def test_the_mixed_form_agrees():
     """On a homogeneous state, exactly."""
     found = []

@@ -42,6 +42,7 @@ def whole(tmp_path_factory):
     return pushed(tmp_path_factory.mktemp("whole"), space="3d")
 
 
+@pytest.mark.once
 def test_crests_run_outwards_all_around(line, whole):
     """A crest has no sign: averages of vectors cancelled where two neighbours had other signs."""
     for run in (line, whole):

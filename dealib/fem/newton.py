@@ -250,13 +250,10 @@ class Newton:
         Raises:
             NotConverged: If an iterative solver does not converge so far.
         """
-        solver, kind, coarse = self._ksp, self._ksp.getType(), self._ksp.getTolerances()[0]
-        if solver.getPC().getType() == "fieldsplit":  # one sweep over its blocks is nearly exact
-            solver.setType("gmres")
+        solver, coarse = self._ksp, self._ksp.getTolerances()[0]
         solver.setTolerances(rtol=_EXACT)
         solver.solve(right, found)
         solver.setTolerances(rtol=coarse)
-        solver.setType(kind)
         if solver.getConvergedReason() < 0 and self.iterative:
             raise NotConverged(_STALLED)
 

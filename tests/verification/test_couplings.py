@@ -65,6 +65,7 @@ def test_pelrine_agrees_and_doubles_the_thickness_stress():
     assert pelrine[2] == pytest.approx(-1, abs=0.01)
 
 
+@pytest.mark.once
 def test_pelrine_with_the_thickness_at_rest_keeps_its_pressure():
     """The film is pressed by eps (V/H)^2 where the true field has grown; so it does less."""
     energy, rest = measured("energy"), measured("pelrine_undeformed")
@@ -81,6 +82,7 @@ def test_pelrine_differs_by_compressibility():
     assert pelrine[:2] == pytest.approx(energy[:2], rel=0.03)
 
 
+@pytest.mark.once
 def test_maxwell_traction_agrees_between_clamps():
     """div T = 0 in the film and the clamps take no axial T n: the same problem as the energy's."""
     energy, traction = measured("energy"), measured("maxwell_traction")
