@@ -469,12 +469,18 @@ def test_the_meshes_are_what_their_script_writes(tmp_path):
 def test_two_ranks_give_the_same_history(name, tmp_path):
     """To 1e-9 of the largest value of a column and of those of other components and ports.
 
-    Where a force is kept at zero, and where symmetry lets nothing turn, of its rounding.
+    Where a force is kept at zero, and where symmetry lets nothing turn, of its rounding. A film at
+    its buckling load and a soft frame give way to what their residuals leave: the film is solved to
+    a tenth of it, the frame, for which this is below rounding, is equal to 1e-7 (1.3e-8 measured).
     """
     config_file = CONFIGS / "devices" / f"{name}.yaml"
-    code, errors = finish(start(2, "-m", "dealib", "run", config_file, "--out", tmp_path / "run"))
+    tight = {"solver__tolerance": 1e-10} if name == "wrinkling_film" else {}
+    more = [f"--set={key.replace('__', '.')}={value}" for key, value in tight.items()]
+    to_file = ["--out", tmp_path / "run", *more]
+    code, errors = finish(start(2, "-m", "dealib", "run", config_file, *to_file))
     assert code == 0, errors
-    one, run = history(f"devices/{name}"), dealib.open(tmp_path / "run")
+    one, run = history(f"devices/{name}", **tight), dealib.open(tmp_path / "run")
+    equal = 1e-7 if name == "minimum_energy_structure" else 1e-9
     assert run.info["ranks"] == 2
     other = run.history
     assert list(one) == list(other)
@@ -484,7 +490,7 @@ def test_two_ranks_give_the_same_history(name, tmp_path):
         least = 1e-3 if zero else 1e-6
         alike = [c for c in one if c.partition(".")[0] == column.partition(".")[0]]
         size = max(one[alike].abs().max().max(), least)
-        assert other[column].to_numpy() == pytest.approx(one[column], abs=1e-9 * size), column
+        assert other[column].to_numpy() == pytest.approx(one[column], abs=equal * size), column
 
 
 @pytest.mark.once

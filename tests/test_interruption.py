@@ -60,10 +60,10 @@ def exit_code(job):
     return job.returncode
 
 
-def wait_for(path):
-    """Wait until a file is there."""
+def wait_for(path, lines=0):
+    """Wait until a file or a folder is there, and the file has a number of lines."""
     deadline = time.monotonic() + PATIENCE
-    while not path.exists():
+    while not path.exists() or (lines and lines > path.read_bytes().count(b"\n")):
         if time.monotonic() > deadline:
             raise TimeoutError(f"{path} did not come")
         time.sleep(0.002)
@@ -80,18 +80,15 @@ def commit():
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory, commit):
-    """The run that nobody interrupts, and how long it takes from its directory, and history, on."""
+    """The run that nobody interrupts, and how long it takes from its directory on."""
     directory = tmp_path_factory.mktemp("whole") / "run"
     assert exit_code(in_child("--out", directory)) == 0
     shutil.rmtree(directory)
     job = in_child("--out", directory)
-    begins = {}
-    for path in (directory, directory / HISTORY):
-        wait_for(path)
-        begins[path == directory] = time.perf_counter()
+    wait_for(directory)
+    begin = time.perf_counter()
     assert exit_code(job) == 0
-    end = time.perf_counter()
-    return dealib.open(directory), {first: end - begin for first, begin in begins.items()}
+    return dealib.open(directory), time.perf_counter() - begin
 
 
 def assert_same_history(run, other, rows=None):
@@ -137,22 +134,25 @@ def assert_readable(directory, whole):
 
 
 def kill_at_random(tmp_path, whole, times, seed):
-    """Half of the kills at any time, half while there is a history: steps take little of a run.
+    """Half of the kills at any time, half after any row: steps take little of a run.
 
     Half of the runs write by themselves: a process beside writes all that it has been given.
     """
-    whole, seconds = whole[0], dict(whole[1])
+    whole, seconds = whole
     rng, found = random.Random(seed), []
     while len(found) < times:
         directory = tmp_path / f"killed_{len(found)}"
         job = in_child("--out", directory, "--overwrite", alone=len(found) % 4 in (1, 2))
-        any_time = len(found) % 2 == 0
-        wait_for(directory if any_time else directory / HISTORY)
-        delay = rng.uniform(0, seconds[any_time])
+        if len(found) % 2:
+            wait_for(directory / HISTORY, 1 + rng.randrange(STEPS))
+            delay = rng.uniform(0, 0.02)
+        else:
+            wait_for(directory)
+            delay = rng.uniform(0, seconds)
         time.sleep(delay)
         job.kill()
         if exit_code(job) == 0:  # it was done: not a kill
-            seconds[any_time] = min(seconds[any_time], delay)
+            seconds = min(seconds, max(delay, 0.02))
             shutil.rmtree(directory)
             continue
         found.append(assert_readable(directory, whole))
@@ -165,7 +165,6 @@ def kill_at_random(tmp_path, whole, times, seed):
     return found
 
 
-@pytest.mark.once
 @pytest.mark.once
 def test_killed_at_random(tmp_path, whole):
     found = kill_at_random(tmp_path, whole, 8, seed=1)
