@@ -49,7 +49,7 @@ def test_prescribed_ports_step_as_told(changes):
     assert step == pytest.approx(wanted, rel=1e-6, abs=1e-9 * np.abs(wanted).max())
 
 
-@pytest.mark.slow
+@pytest.mark.once
 def test_blocks_need_few_iterations_where_the_field_fringes_into_the_air():
     """Body and air's mesh are solved one after the other; the field in the air couples them."""
     clamps = {"width": "2 mm", "height": "1.5 mm", "relative_permittivity": 3.0}
