@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from dealib.errors import DealibError
+from verification import mesh_convergence, space
 from verification.cases import CASES
 from verification.table import HEADER, Case, Row, markdown, write_into
 
@@ -33,14 +34,16 @@ def main() -> int:
     parser.add_argument(
         "--convergence", type=Path, metavar="PICTURE", help="only the mesh convergence, as a plot"
     )
+    parser.add_argument(
+        "--space", type=Path, metavar="PICTURE", help="only that of strips in space, as a plot"
+    )
     given = parser.parse_args()
-    if given.convergence is not None:
-        if given.convergence.exists():
-            parser.error(f"{given.convergence} exists; it would be overwritten")
-        from verification.mesh_convergence import study
-
-        print(study(given.convergence))
-        return 0
+    for picture, study in ((given.convergence, mesh_convergence.study), (given.space, space.study)):
+        if picture is not None:
+            if picture.exists():
+                parser.error(f"{picture} exists; it would be overwritten")
+            print(study(picture))
+            return 0
     patterns = given.cases or ["*"]
     chosen = [c for c in CASES if any(fnmatch.fnmatch(c.name, p) for p in patterns)]
     chosen = [c for c in chosen if not (given.fast and c.slow)]

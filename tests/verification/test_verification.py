@@ -2,7 +2,7 @@
 
 import pytest
 
-from verification import mesh_convergence
+from verification import mesh_convergence, space
 from verification.cases import CASES
 from verification.table import BEGIN, END, Row, markdown, write_into
 
@@ -48,3 +48,15 @@ def test_graded_meshes_converge_and_uniform_ones_lag(tmp_path):
     assert all(graded[2] < uniform[-1])
     slow, fast = mesh_convergence.rates("uniform"), mesh_convergence.rates("ends")
     assert all(f > s for f, s in zip(fast, slow, strict=True))
+
+
+@pytest.mark.slow
+def test_few_graded_unknowns_of_a_film_in_space_are_worth_many_uniform_ones(tmp_path):
+    picture = tmp_path / "space.png"
+    lines = [line.split(" | ") for line in space.study(picture).splitlines()[2:]]
+    assert picture.stat().st_size > 10_000
+    few = next(line for line in lines if line[1] == "12 x 4 x 1")
+    many = lines[-1]
+    assert int(many[2]) > 10 * int(few[2])
+    for small, large in zip(few[3:6], many[3:6], strict=True):
+        assert float(small) < 0.5 * float(large)
