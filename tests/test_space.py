@@ -2,6 +2,7 @@
 
 import base64
 import html
+import itertools
 import json
 import re
 import sys
@@ -14,6 +15,7 @@ from laminates import FILM, config, layer
 from test_pictures import changed, simulated
 from test_report import browse
 
+from dealib.app import drawing
 from dealib.plots import views
 from dealib.plots.shape import LayerShape
 from dealib.plots.surface import patches
@@ -245,3 +247,64 @@ def test_the_slider_and_the_menu_move_the_view(plate, tmp_path, monkeypatch):
                         pytest.approx(0, abs=1e-6)]  # fmt: skip
     assert not cover[0]
     assert label.startswith("step 0")
+
+
+SEEN = """
+<script>
+addEventListener("load", () => setTimeout(() => {
+  const plot = document.getElementById("space"), scene = plot._fullLayout.scene;
+  const icon = document.querySelector(".modebar svg").getBoundingClientRect();
+  const result = document.createElement("pre");
+  result.id = "result";
+  result.textContent = JSON.stringify([scene.camera.eye, scene.aspectratio,
+    [plot.clientWidth, plot.clientHeight], icon.width]);
+  document.body.append(result);
+}, 500));
+</script>
+"""
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no chromium here (Debian: apt install chromium)")
+@pytest.mark.parametrize("wide", [390, 1100])
+@pytest.mark.parametrize("sizes", [(1, 1, 8), (8, 8, 0.1), (8, 1, 1)])
+def test_the_whole_device_is_seen_at_first(sizes, wide, plate, tmp_path, monkeypatch):
+    """Also on a phone, where the icons above the view were as wide as other pictures."""
+    path, text = tmp_path / "page.html", text_of(plate, monkeypatch)
+    data = json.loads(re.search(r'id="space-data" type="application/json">(.*?)</script>', text)[1])
+    box = json.dumps([[0, size] for size in sizes])
+    text = text.replace(json.dumps(data["box"]), box)
+    assert box in text
+    path.write_text(text.replace("</body>", f"{SEEN}</body>"), encoding="utf-8")
+    options = ["--virtual-time-budget=15000", f"--window-size={wide},844", "--dump-dom"]
+    found = browse(path, tmp_path / "browser", *options)
+    shown = re.search(r'<pre id="result">(.*?)</pre>', found.stdout)
+    assert shown, found.stderr
+    eye, ratio, (width, height), icon = json.loads(html.unescape(shown[1]))
+    assert 10 < icon < 30
+    place = np.array([eye[k] for k in "xyz"])
+    ahead = place / np.linalg.norm(place)
+    right = np.cross([0, 0, 1], ahead) / np.linalg.norm(np.cross([0, 0, 1], ahead))
+    half = np.array([ratio[k] for k in "xyz"]) / 2
+    corners = half * np.array(list(itertools.product((-1, 1), repeat=3)))
+    depth = np.linalg.norm(place) - corners @ ahead
+    up, across = corners @ np.cross(ahead, right) / depth, corners @ right / depth
+    high = np.tan(np.pi / 8)  # plotly's camera sees 45 degrees
+    assert np.abs(up).max() < high
+    assert np.abs(across).max() < high * width / height
+    filled = max(np.abs(up).max() / high, np.abs(across).max() * height / (high * width))
+    assert filled > 0.6  # and it is not far away
+
+
+@pytest.mark.parametrize("cut", ["whole", "cut across Z"])
+def test_the_app_shows_all_of_it_in_true_scale(cut, plate):
+    drawn = drawing.device(plate, 3, "E", cut, 0.5)
+    scene = drawn["layout"]["scene"]
+    ratio = np.array([scene["aspectratio"][k] for k in "xyz"])
+    widths = np.ptp([scene[f"{k}axis"]["range"] for k in "xyz"], axis=1)
+    assert ratio / ratio[0] == pytest.approx(widths / widths[0])
+    for k in "xyz":
+        low, high = scene[f"{k}axis"]["range"]
+        places = np.concatenate([part[k] for part in drawn["data"]])
+        assert low < places.min() <= places.max() < high
+    away = np.linalg.norm(list(scene["camera"]["eye"].values()))
+    assert np.linalg.norm(ratio) / 2 < away * np.sin(np.pi / 8)  # the sphere around it is seen

@@ -104,9 +104,8 @@ def device(run: Run, step: int, field: str, cut: str, share: float) -> dict[str,
     layout: dict[str, Any] = {"title": title, "uirevision": cut, "showlegend": False}
     layout["margin"] = {"l": 55, "r": 0, "t": 70, "b": 45}
     if shape.solid:
-        axes = {f"{n}axis": {"title": {"text": f"{n.upper()} (mm)"}} for n in "xyz"}
-        layout["scene"] = axes | {"aspectmode": "data", "camera": {"eye": _EYE}}
         bodies_ = bodies(shape, what, x, values)
+        layout["scene"] = _scene(bodies_)
         return {"data": _solid(bodies_, "XYZ".find(cut[-1]), share, shades), "layout": layout}
     a, b = ({"title": {"text": f"{axis} (mm)"}} for axis in shape.kinematics.axes)
     layout |= {"xaxis": a, "yaxis": b | {"scaleanchor": "x"}, "hovermode": False}
@@ -133,10 +132,28 @@ def _flat(x: Array, shape: LayerShape, values: Array, look: dict[str, Any]) -> l
     return traces
 
 
+def _ends(every: Any) -> tuple[Array, Array]:
+    points = np.concatenate([body.points for body, _ in every])
+    return points.min(axis=0), points.max(axis=0)
+
+
+def _scene(every: Any) -> dict[str, Any]:
+    """Axes in true scale; from the camera's place the sphere around them is seen."""
+    low, high = _ends(every)
+    room = 0.02 * (high - low).max()
+    sizes = high - low + 2 * room
+    ratio = 2.2 * sizes / np.linalg.norm(sizes)
+    scene: dict[str, Any] = {"aspectmode": "manual", "camera": {"eye": _EYE}}
+    scene["aspectratio"] = dict(zip("xyz", ratio.tolist(), strict=True))
+    for name, start, end in zip("xyz", low.tolist(), high.tolist(), strict=True):
+        title = {"text": f"{name.upper()} (mm)"}
+        scene[f"{name}axis"] = {"title": title, "range": [start - room, end + room]}
+    return scene
+
+
 def _solid(every: Any, axis: int, share: float, shades: dict[str, Any]) -> list[dict[str, Any]]:
     """The surface of a three-dimensional device, cut across an axis; -1: whole."""
-    ends = np.concatenate([body.points for body, _ in every])
-    low, high = ends.min(axis=0), ends.max(axis=0)
+    low, high = _ends(every)
     at, traces = low + (high - low) * np.clip(share, 1e-6, 1 - 1e-6), list[dict[str, Any]]()
     for body, colour in every:
         part = body if axis < 0 else body.clip("xyz"[axis], origin=at, invert=False)

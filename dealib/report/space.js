@@ -11,6 +11,7 @@
 
   const widths = data.box.map(([low, high]) => high - low);
   const sizes = widths.map(width => width / Math.hypot(...widths));
+  const LARGE = 2.2;  // diagonal of the box, in the units of the camera's place
 
   for (const part of data.parts) {
     const corners = [[], [], []];
@@ -67,6 +68,23 @@
       line: {color: lines?.colour, width: 3}};
   }
 
+  function whole() {  // from where the whole box is seen: the camera's picture is 45 degrees high
+    const from = [1.15, -1.55, 1.2], far = Math.hypot(...from), ahead = from.map(x => x / far);
+    const flat = Math.hypot(ahead[0], ahead[1]), right = [-ahead[1] / flat, ahead[0] / flat, 0];
+    const up = [-ahead[2] * right[1], ahead[2] * right[0], flat];
+    const high = Math.tan(Math.PI / 8), wide = high * plot.clientWidth / plot.clientHeight;
+    let needed = far;
+    for (let corner = 0; corner < 8; corner += 1) {
+      const at = sizes.map((size, k) => LARGE / 2 * size * (corner >> k & 1 ? 1 : -1));
+      const along = axis => at.reduce((sum, x, k) => sum + x * axis[k], 0);
+      const reach = Math.max(Math.abs(along(right)) / wide, Math.abs(along(up)) / high);
+      needed = Math.max(needed, 1.03 * reach + along(ahead));
+    }
+    const [x, y, z] = ahead.map(part => needed * part);
+    return {x, y, z};
+  }
+  const eye = whole();
+
   function draw() {
     const step = Number(slider.value), quantity = data.quantities[menu.selectedIndex];
     const style = getComputedStyle(document.body), ink = style.color;
@@ -78,9 +96,9 @@
     Plotly.react(plot, [...traces, crests(step, quantity)], {
       uirevision: "kept", margin: {l: 0, r: 0, t: 0, b: 0}, paper_bgcolor: "rgba(0,0,0,0)",
       font: {color: ink, family: style.fontFamily}, showlegend: false,
-      scene: {aspectmode: "manual", aspectratio: {x: 2.2 * sizes[0], y: 2.2 * sizes[1], z: 2.2 * sizes[2]},
+      scene: {aspectmode: "manual", aspectratio: {x: LARGE * sizes[0], y: LARGE * sizes[1], z: LARGE * sizes[2]},
         xaxis: axis("x", 0), yaxis: axis("y", 1), zaxis: axis("z", 2),
-        camera: {eye: {x: 1.15, y: -1.55, z: 1.2}}},
+        camera: {eye}},
       modebar: {bgcolor: "rgba(0,0,0,0)", color: "rgba(128,128,128,0.7)", activecolor: ink},
     }, {responsive: true, displaylogo: false, scrollZoom: true,
       modeBarButtons: [["toImage"], ["zoom3d", "pan3d", "tableRotation", "resetCameraDefault3d"]]});
