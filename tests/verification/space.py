@@ -13,13 +13,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from laminates import config, layer, rows, simulation
 
 import dealib
-from dealib import Case, Simulation
-from dealib.config import Config, resolved
 from verification.strips import states
 from verification.table import Row
 
@@ -34,7 +32,10 @@ MESHES = {  # grading and cells through a layer; columns along the film, cells i
     ("ends", 2): ((8, 4), (12, 4), (24, 4), (32, 8)),
     ("uniform", 1): ((12, 4), (24, 4), (40, 8), (60, 12)),
 }
-FILM = {"law": "neo_hookean", "shear_modulus": "0.334 MPa", "bulk_modulus": "16.67 MPa"}
+FILM = {
+    **{"law": "neo_hookean", "shear_modulus": "0.334 MPa", "bulk_modulus": "16.67 MPa"},
+    "relative_permittivity": 3.0,
+}
 
 
 @dataclass(frozen=True)
@@ -46,59 +47,40 @@ class Solved:
     seconds: float
 
 
-def _solve(config: Config) -> tuple[Simulation, list[dict[str, Any]]]:
-    run = Simulation(Case(config, resolved(config), Path()))
-    return run, [state.row for state in run]
-
-
 @cache
 def strips(
-    columns: int, sectors: int = 0, grading: str = "ends", rows: int = 1, model: str = "solid"
+    columns: int, sectors: int = 0, grading: str = "ends", through: int = 1, model: str = "solid"
 ) -> Solved:
-    """The strip benchmark, with `rows` cells through each of its layers.
+    """The strip benchmark, with some cells through each of its layers.
 
     It has `sectors` cells in a quarter of three dimensions; 0 for its meridian.
     """
-    shipped = dealib.load(CONFIGS / "benchmark_strip.yaml").config
     layers = [("bottom", "electrode", 10), ("film", "film", 30), ("top", "electrode", 10)]
     space = {"space": "3d", "symmetry": ["X", "Y"]} if sectors else {}
     base = {"kind": "annulus", "inner_radius": "8.35 mm", "outer_radius": "12.35 mm"}
-    config = Config.model_validate(
-        {
-            "name": "strips",
-            "geometry": {
-                "shape": "laminate",
-                "base": base,
-                "layers": [
-                    {"name": name, "material": of, "thickness": f"{um} um"}
-                    for name, of, um in layers
-                ],
-                **space,
-            },
-            "mesh": {
-                "columns": columns,
-                "sectors": sectors or 2,
-                "film_rows": rows,
-                "electrode_rows": rows,
-            }
-            | {"grading": grading},
-            "materials": {
-                "film": FILM | {"relative_permittivity": 3.0, "prestretch": 1.15},
-                "electrode": FILM | {"shear_modulus": "1 MPa", "bulk_modulus": "50 MPa"},
-            },
-            "physics": {"model": model},
-            "terminals": {"hot": {"on": "top"}, "ground": {"on": "bottom", "ground": True}},
-            "program": [
-                {"stage": "prestrain", "steps": 1},
-                {"stage": "push", "mount": {"displacement": "-3 mm"}, "steps": 4},
-                {"stage": "actuate", "terminal": {"voltage": "2.5 kV"}, "steps": 1},
-            ],
-        }
+    given = config(
+        "annulus",
+        *(layer(name, f"{um} um", material=of) for name, of, um in layers),
+        geometry={"base": base, **space},
+        mesh={"columns": columns, "sectors": sectors or 2, "grading": grading}
+        | {"film_rows": through, "electrode_rows": through},
+        materials={
+            "film": FILM | {"prestretch": 1.15},
+            "electrode": {"law": "neo_hookean", "shear_modulus": "1 MPa", "bulk_modulus": "50 MPa"},
+        },
+        physics={"model": model},
+        terminals={"hot": {"on": "top"}, "ground": {"on": "bottom", "ground": True}},
+        program=[
+            {"stage": "prestrain", "steps": 1},
+            {"stage": "push", "mount": {"displacement": "-3 mm"}, "steps": 4},
+            {"stage": "actuate", "terminal": {"voltage": "2.5 kV"}, "steps": 1},
+        ],
     )
-    assert config.materials["film"] == shipped.materials["film"]  # the same device
+    shipped = dealib.load(CONFIGS / "benchmark_strip.yaml").config
+    assert given.materials["film"] == shipped.materials["film"]  # the same device
     start = time.perf_counter()
-    run, found = _solve(config)
-    pushed, driven = found[-2:]
+    run = simulation(given)
+    pushed, driven = [state.row for state in run][-2:]
     values = (pushed["force_N"], driven["force_N"], driven["capacitance_pF"])
     return Solved(values, run.unknowns, time.perf_counter() - start)
 
@@ -114,33 +96,30 @@ def square(model: str, columns: int, thickness: float = 10.0) -> float:
     """
     middle = thickness / 2000 if model == "solid" else 0.0
     area = {"X": ["-4 mm", "4 mm"], "Y": ["-4 mm", "4 mm"]}
-    config = Config.model_validate(
-        {
-            "name": "square",
-            "geometry": {
-                "shape": "laminate",
-                "base": {"kind": "rectangle", "length": "20 mm", "width": "20 mm"},
-                "layers": [{"name": "film", "thickness": f"{thickness} um"}],
-                "space": "3d",
-                "symmetry": ["X", "Y"],
-            },
-            "mesh": {"columns": columns, "sectors": columns // 2, "film_rows": 1},
-            "materials": {"film": FILM | {"relative_permittivity": 3.0, "prestretch": 2}},
-            "physics": {"model": model},
-            "mounts": {},
-            "holds": [{"on": ["left", "right", "front", "back"], "fix": ["X", "Y", "Z"]}],
-            "terminals": {
-                "hot": {"on": "film.top", "within": area},
-                "ground": {"on": "film.bottom", "within": area, "ground": True},
-            },
-            "probes": {"edge": {"displacement": "X", "at": ["4 mm", "0 mm", f"{middle} mm"]}},
-            "program": [
-                {"stage": "prestrain"},
-                {"stage": "actuate", "terminal": {"voltage": f"{0.06 * thickness} kV"}},
-            ],
-        }
+    given = config(
+        "strip",
+        layer(thickness=f"{thickness} um"),
+        geometry={
+            "base": {"kind": "rectangle", "length": "20 mm", "width": "20 mm"},
+            "space": "3d",
+            "symmetry": ["X", "Y"],
+        },
+        mesh={"columns": columns, "sectors": columns // 2},
+        materials={"film": FILM | {"prestretch": 2}},
+        physics={"model": model},
+        mounts={},
+        holds=[{"on": ["left", "right", "front", "back"], "fix": ["X", "Y", "Z"]}],
+        terminals={
+            "hot": {"on": "film.top", "within": area},
+            "ground": {"on": "film.bottom", "within": area, "ground": True},
+        },
+        probes={"edge": {"displacement": "X", "at": ["4 mm", "0 mm", f"{middle} mm"]}},
+        program=[
+            {"stage": "prestrain"},
+            {"stage": "actuate", "terminal": {"voltage": f"{0.06 * thickness} kV"}},
+        ],
     )
-    return float(_solve(config)[1][-1]["edge_mm"])
+    return float(rows(given)[-1]["edge_mm"])
 
 
 def quarter() -> Iterator[Row]:
@@ -173,13 +152,13 @@ def study(picture: Path) -> str:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    reference = np.array(strips(240, rows=8).values)
+    reference = np.array(strips(240, through=8).values)
     figure, axes = plt.subplots(1, 3, figsize=(12, 4), layout="constrained", sharey=True)
     lines = ["| grading | cells | unknowns | F 0 kV, % | F 2.5 kV, % | C 2.5 kV, % | time, s |"]
     lines.append("|---|--:|--:|--:|--:|--:|--:|")
-    for (grading, rows), meshes in MESHES.items():
-        label = f"{grading}, {rows} through a layer"
-        solved = [strips(*mesh, grading, rows) for mesh in meshes]
+    for (grading, through), meshes in MESHES.items():
+        label = f"{grading}, {through} through a layer"
+        solved = [strips(*mesh, grading, through) for mesh in meshes]
         errors = np.array([100 * np.abs(np.array(s.values) / reference - 1) for s in solved])
         for axis, name, error in zip(axes, QUANTITIES, errors.T, strict=True):
             axis.loglog([s.unknowns for s in solved], error, "o-", label=label)
@@ -187,7 +166,7 @@ def study(picture: Path) -> str:
             axis.grid(alpha=0.3)
         for mesh, one, error in zip(meshes, solved, errors, strict=True):
             numbers = " | ".join(f"{e:.4f}" for e in error)
-            cells = f"{mesh[0]} x {mesh[1]} x {rows}"
+            cells = f"{mesh[0]} x {mesh[1]} x {through}"
             lines.append(
                 f"| {grading} | {cells} | {one.unknowns} | {numbers} | {one.seconds:.1f} |"
             )
